@@ -63,6 +63,13 @@ def resample(
     return np.concatenate(pieces)
 
 
+def resample_open(line: Float64[np.ndarray, "N 2"], spacing: float) -> Float64[np.ndarray, "M 2"]:
+    """Points about `spacing` apart along an open polyline, both ends kept."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    at = np.linspace(0.0, lengths[-1], max(2, round(lengths[-1] / spacing) + 1))
+    return np.stack([np.interp(at, lengths, line[:, axis]) for axis in (0, 1)], 1)
+
+
 def smooth(contour: Float64[np.ndarray, "N 2"], sigma: float, corner_reach: float = 0.0) -> Float64[np.ndarray, "M 2"]:
     """The contour with waves shorter than about `sigma` (contour unit) along its length removed.
 

@@ -37,10 +37,10 @@ def triangulate(
     loops = [counter_clockwise(loop) for loop in loops]
     interior = _lattice(loops, edge)
     for _ in range(rounds):
-        loops, points, faces = _conforming(loops, interior)
+        loops, points, faces = _conforming(loops, interior, edge)
         boundary = sum(len(loop) for loop in loops)
         interior = _towards_neighbours(points, faces, boundary)
-    loops, points, faces = _conforming(loops, interior)
+    loops, points, faces = _conforming(loops, interior, edge)
     if len(faces) == 0:
         raise InputError(
             "the outline encloses no area to mesh", f"It must be wider than {edge:.1f} units everywhere it matters."
@@ -69,9 +69,12 @@ def _lattice(loops: list[np.ndarray], edge: float) -> np.ndarray:
 
 
 def _conforming(
-    loops: list[np.ndarray], interior: np.ndarray, attempts: int = 6
+    loops: list[np.ndarray], interior: np.ndarray, edge: float, attempts: int = 6
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Delaunay faces inside the region; boundary segments that the triangulation misses are split in two."""
+    """Delaunay faces inside the region; boundary segments that the triangulation misses are split in two.
+
+    Never below a quarter of the wanted edge: contours that cross themselves would be split without end.
+    """
     for attempt in range(attempts):
         points = np.concatenate([*loops, interior])
         faces = Delaunay(points).simplices
@@ -81,7 +84,7 @@ def _conforming(
         faces = np.where((twice < 0)[:, None], faces[:, ::-1], faces)
         keep = (np.abs(twice) > 1e-3 * longest) & inside((a + b + c) / 3.0, loops)
         faces = faces[keep]
-        missing = _missing_segments(loops, faces)
+        missing = _missing_segments(loops, faces, 0.5 * edge)
         if attempt == attempts - 1 or not any(len(m) for m in missing):
             return loops, points, faces
         loops = [
@@ -91,7 +94,8 @@ def _conforming(
     raise AssertionError("the loop returns on its last attempt")
 
 
-def _missing_segments(loops: list[np.ndarray], faces: np.ndarray) -> list[np.ndarray]:
+def _missing_segments(loops: list[np.ndarray], faces: np.ndarray, shortest: float) -> list[np.ndarray]:
+    """Per loop, the segments longer than `shortest` that are no edge of a face."""
     size = int(max(faces.max(initial=0) + 1, sum(len(loop) for loop in loops)))
     half = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
     present = np.unique(half[:, 0] * size + half[:, 1])
@@ -99,7 +103,8 @@ def _missing_segments(loops: list[np.ndarray], faces: np.ndarray) -> list[np.nda
     for loop in loops:
         here = start + np.arange(len(loop))
         pair = np.sort(np.stack([here, np.roll(here, -1)], 1), axis=1)
-        missing.append(np.flatnonzero(~np.isin(pair[:, 0] * size + pair[:, 1], present)))
+        long = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) > shortest
+        missing.append(np.flatnonzero(long & ~np.isin(pair[:, 0] * size + pair[:, 1], present)))
         start += len(loop)
     return missing
 

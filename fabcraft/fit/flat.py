@@ -1,0 +1,196 @@
+"""The flat stage: the template's front view becomes the drawn shape, in the plane, remeshed as it stretches.
+
+The sheet ends half a wall inside the finished rim (print-prep rounds the rim with that radius), so the wanted contour is
+the drawn outline moved inwards, and the openings outwards, by half a wall. Rim vertices are drawn along by a monotone
+match; the rendered silhouette does the rest. At the end the rim is laid exactly on the smoothed contour, the inside
+following harmonically: no ripple is left to print.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.sparse.linalg import spsolve
+from torch import Tensor
+
+from fabcraft.errors import InputError
+from fabcraft.fit.camera import front
+from fabcraft.fit.contour_match import match
+from fabcraft.fit.descend import Descent, State, Stop, Variables, descend
+from fabcraft.fit.losses import Term, collapse_loss, image_loss, jacobian_loss, point_loss, singular_values, smoothness_loss
+from fabcraft.fit.render import Topology, render
+from fabcraft.geometry.contour import counter_clockwise, inside, level_contours, resample, signed_distance_image, smooth
+from fabcraft.geometry.operators import edge_faces, laplacian
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.poisson import PoissonSystem
+from fabcraft.geometry.triangulate import PlaneMesh, triangulate
+
+
+@dataclass(frozen=True)
+class FlatWeights:
+    """Weights of the flat stage (optimiser's frame: longest template side = 2)."""
+
+    contour: float = 60.0
+    """Rim vertices to their matched place on the drawn contours."""
+    silhouette: float = 20.0
+    """Rendered against drawn silhouette, mean absolute difference."""
+    jacobian: float = 0.02
+    smoothness: float = 0.05
+    collapse: float = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class FlatFit:
+    """The flat sheet at the end, with what led there."""
+
+    sheet: PlaneMesh
+    history: dict[str, list[float]]
+    remeshed: int
+    """How many times the sheet was remeshed."""
+    stopped: Stop
+
+
+def rim_targets(
+    solid: np.ndarray, plane: Plane, openings: int, half_wall_mm: float, smooth_mm: float = 1.2
+) -> list[Float64[np.ndarray, "_ 2"]]:
+    """The contours that the sheet's rims should take, (x, z) mm: the outline, then the openings from left to right.
+
+    solid : (H, W) bool on `plane`, what the finished object should cover. Raises `InputError` when the shape, less half
+    a wall all round, has no single piece with that many openings.
+    """
+    loops = level_contours(signed_distance_image(solid, plane.pixel_mm), half_wall_mm, soften=1.0)
+    contours = [smooth(plane.to_mm(loop), smooth_mm, corner_reach=4.0) for loop in loops]
+    if not contours:
+        raise InputError(
+            f"nothing of the drawn shape is wider than the wall of {2 * half_wall_mm:.1f} mm", "Draw it larger."
+        )
+    outer = contours[0]
+    # islands that a narrow neck parts from the rest lie outside the outline; openings lie inside it
+    holes = [hole for hole in contours[1:] if inside(hole.mean(0)[None], [outer])[0]][:openings]
+    if len(holes) < openings:
+        raise InputError(
+            f"the drawn shape leaves {len(holes)} openings with material around them; {openings} are needed",
+            "Draw the eyes further from the outline and from each other.",
+        )
+    return [counter_clockwise(outer), *sorted((counter_clockwise(h) for h in holes), key=lambda h: h[:, 0].mean())]
+
+
+def fit_flat(
+    start: PlaneMesh,
+    targets: list[Float64[np.ndarray, "_ 2"]],
+    edge_mm: float,
+    steps: int,
+    pixels: int,
+    weights: FlatWeights | None = None,
+    watch: Callable[[PlaneMesh, int], None] | None = None,
+) -> FlatFit:
+    """Deform `start` (x, z in mm) until its rims are `targets`; a quarter of the steps between remeshings."""
+    weights = weights or FlatWeights()
+    scale = 2.0 / float(np.ptp(start.points, axis=0).max())
+    middle = 0.5 * (start.points.min(0) + start.points.max(0))
+    dense = [resample(target, 0.5 * edge_mm) for target in targets]
+    camera, wanted = _silhouette_target(start, targets, pixels)
+    sheet, history, remeshed, stopped = start, {}, 0, Stop.STEPS
+    rounds = 4
+    for index in range(rounds):
+        system = PoissonSystem.of(np.column_stack([(sheet.points - middle) * scale, np.zeros(len(sheet.points))]), sheet.faces)
+        terms = _terms(system, sheet, dense, (middle, scale), camera, wanted, weights)
+        rate = 2e-2 * (1.0 - index / rounds) + 4e-3
+        outcome = descend(
+            system, terms, Descent(steps // rounds, rate, 0.5 * rate, final_share=0.5), Variables.rest(len(sheet.faces), 2)
+        )
+        for name, values in outcome.history.items():
+            history.setdefault(name, []).extend(values)
+        points = outcome.positions / scale + middle
+        moved = PlaneMesh(points, sheet.faces, sheet.loops)
+        stopped = outcome.stopped
+        first, second = singular_values(torch.from_numpy(system.restricted(outcome.positions)))
+        if index == rounds - 1 or stopped is Stop.INTERRUPTED:
+            sheet = moved
+            break
+        if float(first.max()) > 1.4 or float(second.min()) < 0.7:
+            sheet = triangulate([points[loop] for loop in sheet.loops], edge_mm)
+            remeshed += 1
+        else:
+            sheet = moved
+        if watch is not None:
+            watch(sheet, (index + 1) * (steps // rounds))
+    return FlatFit(_snapped(sheet, dense, edge_mm), history, remeshed, stopped)
+
+
+def _silhouette_target(start: PlaneMesh, targets: list[np.ndarray], pixels: int):
+    """A front camera that sees start and goal, and the wanted coverage in it."""
+    everything = np.concatenate([start.points, *targets])
+    plane = Plane.around(everything, float(np.ptp(everything, axis=0).max()) / pixels, 4.0)
+    import cv2
+
+    factor = 8
+    image = np.zeros((plane.height * factor, plane.width * factor), dtype=np.uint8)
+    for target, value in zip(targets, [255] + [0] * (len(targets) - 1), strict=True):
+        corners = np.round((plane.to_pixels(target) * factor - 0.5) * 16.0).astype(np.int32)
+        cv2.fillPoly(image, [corners.reshape(-1, 1, 2)], value, shift=4)
+    coverage = image.reshape(plane.height, factor, plane.width, factor).mean((1, 3)) / 255.0
+    return front(plane), torch.from_numpy(coverage.astype(np.float32))
+
+
+def _terms(system, sheet: PlaneMesh, dense, frame, camera, wanted: Tensor, weights: FlatWeights) -> list[Term]:
+    middle, scale = frame
+    areas = torch.from_numpy(system.areas).float()
+    frames = torch.from_numpy(np.ascontiguousarray(system.frames[:, :2, :])).float()
+    _, pairs = edge_faces(sheet.faces)
+    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0])
+    topology = Topology.of(sheet.faces)
+    loops = [torch.from_numpy(loop.astype(np.int64)) for loop in sheet.loops]
+    matched: dict[str, list[Tensor]] = {}
+
+    def contour(state: State) -> Tensor:
+        if state.step % 10 == 0:
+            now = state.positions.detach().double().numpy() / scale + middle
+            matched["targets"] = [
+                torch.from_numpy((match(now[loop], goal) - middle) * scale).float()
+                for loop, goal in zip(sheet.loops, dense, strict=True)
+            ]
+        parts = [point_loss(state.positions[loop], goal) for loop, goal in zip(loops, matched["targets"], strict=True)]
+        return torch.stack(parts).sum()
+
+    def silhouette(state: State) -> Tensor:
+        flat = state.positions / scale + torch.from_numpy(middle).float()
+        vertices = torch.stack([flat[:, 0], torch.zeros_like(flat[:, 0]), flat[:, 1]], 1)
+        image = render(vertices, topology, [camera], outputs=("mask",)).mask[0]
+        return image_loss(image, wanted) * (wanted.numel() / wanted.sum())
+
+    return [
+        Term("contour", weights.contour, contour),
+        Term("silhouette", weights.silhouette, silhouette),
+        Term("jacobian", weights.jacobian, lambda state: jacobian_loss(state.restricted, frames, areas)),
+        Term(
+            "smoothness",
+            weights.smoothness,
+            lambda state: smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner),
+        ),
+        Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
+    ]
+
+
+def _snapped(sheet: PlaneMesh, dense: list[np.ndarray], edge_mm: float) -> PlaneMesh:
+    """Rims laid on their contours at even spacing, the inside following harmonically, then meshed evenly once more.
+
+    Where a face would turn over, the mesh is made from the contours alone.
+    """
+    contours = [resample(goal, edge_mm, corner_reach=1.2 * edge_mm) for goal in dense]
+    rims = np.concatenate(sheet.loops)
+    laid = np.concatenate([match(sheet.points[loop], goal) for loop, goal in zip(sheet.loops, dense, strict=True)])
+    flat = np.column_stack([sheet.points, np.zeros(len(sheet.points))])
+    stiffness = laplacian(flat, sheet.faces).tocsc()
+    free = np.setdiff1d(np.arange(len(flat)), rims)
+    shift = np.zeros_like(sheet.points)
+    shift[rims] = laid - sheet.points[rims]
+    shift[free] = spsolve(stiffness[free][:, free], -(stiffness[free][:, rims] @ shift[rims])).reshape(len(free), 2)
+    points = sheet.points + shift
+    a, b, c = points[sheet.faces].transpose(1, 0, 2)
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    if area.min() > 0.05 * edge_mm**2:
+        return PlaneMesh(points, sheet.faces, sheet.loops)
+    return triangulate(contours, edge_mm, resampled=True)

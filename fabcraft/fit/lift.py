@@ -1,0 +1,242 @@
+"""The lifted stage: the fitted outline, on the template's own surface, takes the relief's shape and keeps its fit.
+
+Rest mesh: the flat sheet raised to the template's surface. Per-face Jacobians move it until its rendered depth and normals
+are the relief's, its rims stay where the flat stage laid them, it keeps its clearance to the body (hinge) and its distance
+to the skin where it is to rest. Material may slide along the skin: only the distance to it is held.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from fabcraft.fit.body_field import BodyField
+from fabcraft.fit.camera import front
+from fabcraft.fit.descend import Descended, Descent, State, Variables, descend
+from fabcraft.fit.losses import (
+    Term,
+    chamfer_loss,
+    collapse_loss,
+    contact_loss,
+    image_loss,
+    jacobian_loss,
+    normal_consistency_loss,
+    penetration_loss,
+    point_loss,
+    rim_loss,
+    smoothness_loss,
+)
+from fabcraft.fit.render import Topology, render
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.operators import edge_faces
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.poisson import PoissonSystem
+from fabcraft.guidance.inflate import Relief
+from fabcraft.mesh import Mesh
+from fabcraft.template.template import Template
+
+
+@dataclass(frozen=True)
+class LiftWeights:
+    """Weights of the lifted stage (optimiser's frame: longest template side = 2)."""
+
+    depth: float = 60.0
+    """Rendered against wanted depth, mean absolute difference."""
+    normal: float = 0.5
+    """Rendered against wanted normals, mean absolute difference."""
+    silhouette: float = 20.0
+    chamfer: float = 25.0
+    """Squared distance to the relief's points, both ways."""
+    rim: float = 60.0
+    """Rims stay where they were laid, seen from the front."""
+    contact: float = 20.0
+    """Distance to the skin where the object rests; 0 switches the term off."""
+    penetration: float = 1e4
+    """Hinge on the clearance; 0 switches the term off."""
+    jacobian: float = 0.002
+    smoothness: float = 0.02
+    collapse: float = 10.0
+    consistency: float = 1.0
+    """Normals of neighbouring faces agree."""
+    ripple: float = 0.02
+    """Second differences along the rims."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiftTargets:
+    """What the lifted stage aims at, beside the relief itself."""
+
+    relief: Relief
+    distance: SurfaceDistance
+    """To the body."""
+    template: Template
+
+
+def fit_lifted(
+    sheet: Mesh,
+    rims: tuple[np.ndarray, ...],
+    targets: LiftTargets,
+    steps: int,
+    pixels: int,
+    weights: LiftWeights | None = None,
+    watch: Callable[[int, dict[str, float], Mesh], None] | None = None,
+) -> tuple[Mesh, Descended]:
+    """Deform `sheet` (mm, faces to the viewer) towards the relief; returns it, and the run."""
+    weights = weights or LiftWeights()
+    lower, upper = sheet.bounds
+    scale, centre = 2.0 / float((upper - lower).max()), 0.5 * (lower + upper)
+    system = PoissonSystem.of((sheet.vertices - centre) * scale, sheet.faces)
+    terms = _terms(system, sheet, rims, targets, pixels, weights, scale, centre)
+
+    def seen(step: int, values: dict[str, float], positions: Tensor) -> None:
+        if watch is not None:
+            watch(step, values, sheet.with_vertices(positions.double().numpy() / scale + centre))
+
+    outcome = descend(
+        system, terms, Descent(steps, 1.2e-2, 4e-3, final_share=0.08), Variables.rest(len(sheet.faces), 3), seen
+    )
+    return sheet.with_vertices(outcome.positions / scale + centre), outcome
+
+
+def _terms(
+    system: PoissonSystem,
+    sheet: Mesh,
+    rims: tuple[np.ndarray, ...],
+    targets: LiftTargets,
+    pixels: int,
+    weights: LiftWeights,
+    scale: float,
+    centre: Float64[np.ndarray, "3"],
+) -> list[Term]:
+    areas = torch.from_numpy(system.areas).float()
+    frames = torch.from_numpy(system.frames).float()
+    origin = torch.from_numpy(centre).float()
+    faces = torch.from_numpy(sheet.faces.astype(np.int64))
+    _, pairs = edge_faces(sheet.faces)
+    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0])
+    loops = tuple(torch.from_numpy(rim.astype(np.int64)) for rim in rims)
+    every_rim = torch.cat(loops)
+    laid = torch.from_numpy((sheet.vertices - centre) * scale).float()[every_rim][:, [0, 2]]
+
+    def millimetres(state: State) -> Tensor:
+        return state.positions / scale + origin
+
+    images = _image_terms(sheet, targets.relief, pixels, weights, scale, millimetres)
+    body = _body_terms(sheet, targets, weights, areas, faces, scale, millimetres)
+    relief = targets.relief.mesh(edge_mm=3.0)
+    goal = torch.from_numpy((relief.vertices - centre) * scale).float()
+    tree = cKDTree(goal.numpy())
+    matched: dict[str, Tensor] = {}
+
+    def chamfer(state: State) -> Tensor:
+        if state.step % 10 == 0:
+            now = state.positions.detach().numpy()
+            matched["goal"] = torch.from_numpy(tree.query(now)[1])
+            matched["mine"] = torch.from_numpy(cKDTree(now).query(goal.numpy())[1])
+        return chamfer_loss(state.positions, goal, matched["goal"], matched["mine"])
+
+    def smoothness(state: State) -> Tensor:
+        return smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner)
+
+    shape = [
+        Term("chamfer", weights.chamfer, chamfer),
+        Term("rim", weights.rim, lambda state: point_loss(state.positions[every_rim][:, [0, 2]], laid)),
+        Term("jacobian", weights.jacobian, lambda state: jacobian_loss(state.restricted, frames, areas)),
+        Term("smoothness", weights.smoothness, smoothness),
+        Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
+        Term(
+            "consistency",
+            weights.consistency,
+            lambda state: normal_consistency_loss(state.positions, faces, inner),
+        ),
+        Term("ripple", weights.ripple, lambda state: rim_loss(state.positions, loops)),
+    ]
+    return [term for term in images + body + shape if term.weight > 0.0]
+
+
+def _image_terms(
+    sheet: Mesh, relief: Relief, pixels: int, weights: LiftWeights, scale: float, millimetres: Callable[[State], Tensor]
+) -> list[Term]:
+    """Depth, normal and silhouette of one front view; rendered once a step, shared by the three."""
+    plane = Plane.around(sheet.vertices[:, [0, 2]], float(sheet.size_mm.max()) / pixels, 4.0)
+    camera, topology = front(plane), Topology.of(sheet.faces)
+    x, z = plane.centres()
+    height = relief.height_at(np.column_stack([x.ravel(), z.ravel()])).reshape(x.shape)
+    down, across = np.gradient(height, plane.pixel_mm)
+    # the surface is (x, -h(x, z), z); its normal towards the viewer is (-h_x, -1, -h_z), and rows run down
+    normals = np.stack([-across, -np.ones_like(height), down], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    wanted_depth, wanted_normal = torch.from_numpy(-height).float(), torch.from_numpy(normals).float()
+    # the flat stage laid the outline: keeping it is the silhouette's whole target here
+    with torch.no_grad():
+        start = torch.from_numpy(sheet.vertices.copy()).float()
+        wanted_mask = render(start, topology, camera, outputs=("mask",)).mask[0]
+    share = wanted_mask.numel() / wanted_mask.sum()
+    shared: dict[str, object] = {}
+
+    def images(state: State):
+        if shared.get("positions") is not state.positions:
+            shared["positions"] = state.positions
+            shared["images"] = render(millimetres(state), topology, camera, outputs=("mask", "depth", "normal"))
+            mask = shared["images"].mask[0].detach()
+            # at rims the pixel holds a share of the depth only; inside it is the depth itself
+            shared["inside"] = ((mask > 0.999) & (wanted_mask > 0.999)).float()
+        return shared["images"], shared["inside"]
+
+    def depth(state: State) -> Tensor:
+        pictures, inside = images(state)
+        return scale * image_loss(pictures.depth[0], wanted_depth, inside)
+
+    def normal(state: State) -> Tensor:
+        pictures, inside = images(state)
+        return image_loss(pictures.normal[0], wanted_normal, inside)
+
+    def silhouette(state: State) -> Tensor:
+        pictures, _ = images(state)
+        return image_loss(pictures.mask[0], wanted_mask) * share
+
+    return [
+        Term("depth", weights.depth, depth),
+        Term("normal", weights.normal, normal),
+        Term("silhouette", weights.silhouette, silhouette),
+    ]
+
+
+def _body_terms(
+    sheet: Mesh,
+    targets: LiftTargets,
+    weights: LiftWeights,
+    areas: Float[Tensor, " F"],
+    faces: Tensor,
+    scale: float,
+    millimetres: Callable[[State], Tensor],
+) -> list[Term]:
+    """The hinge on the clearance, at face centres and vertices, and the distance to the skin where the sheet rests."""
+    relief, template = targets.relief, targets.template
+    heights = relief.height_at(sheet.vertices[:, [0, 2]])
+    box = np.concatenate([sheet.vertices, np.column_stack([sheet.vertices[:, 0], -heights, sheet.vertices[:, 2]])])
+    field = BodyField.around(targets.distance, box.min(0) - 6.0, box.max(0) + 6.0, cell_mm=4.0)
+    half = 0.5 * template.wall_mm
+    wanted = torch.from_numpy(template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half).float()
+    vertex_areas = torch.zeros(len(sheet.vertices)).index_add(0, faces.reshape(-1), areas.repeat_interleave(3) / 3.0)
+    rest_weight = template.front.at(template.front.contact, sheet.vertices[:, [0, 2]])
+    resting = torch.from_numpy(np.flatnonzero(rest_weight > 0.5))
+    both_areas = torch.cat([vertex_areas, areas])
+    both_wanted = torch.cat([wanted, wanted[faces].mean(1)]) * scale
+
+    def penetration(state: State) -> Tensor:
+        points = millimetres(state)
+        signed = field(torch.cat([points, points[faces].mean(1)])) * scale
+        return penetration_loss(signed, both_wanted, both_areas)
+
+    def contact(state: State) -> Tensor:
+        return contact_loss(field(millimetres(state)[resting]) * scale, wanted[resting] * scale)
+
+    terms = [Term("penetration", weights.penetration, penetration)]
+    if len(resting):
+        terms.append(Term("contact", weights.contact, contact))
+    return terms

@@ -1,0 +1,317 @@
+"""Antialiasing along silhouettes, driven by their edges: kernels for `fabcraft.fit.render`.
+
+Looking for the silhouette only among the edges of the triangle seen at a pixel loses most of it on fine
+meshes, because at a rim the triangles are foreshortened to less than a pixel. Here the silhouette edges
+themselves are walked.
+
+An edge is on the silhouette when it has one face, or when both its faces lie on the same side of it in the
+picture. A steep edge is followed over the rows, a flat one over the columns. Where it passes between the
+centres of two neighbouring pixels, the inner one covered and the outer one showing something farther away,
+there is a *crossing*, at distance t in [0, 1] from the inner centre. Of the crossings of one pair the
+outermost counts. With C the picture before, and C_rim the surface at the crossing itself,
+
+    t < 1/2:  C(inner) += (1/2 - t) (C(outer) - C_rim),
+    t > 1/2:  C(outer) += (t - 1/2) (C_rim - C(outer)),
+
+so that every picture is box-filtered to first order, and its derivative along the rim is right.
+"""
+
+import typing
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from jaxtyping import Int32, Integer
+
+from fabcraft.fit.shading import (
+    face_sign,
+    fragment,
+    fragment_backward,
+    pixel_backward,
+    pixel_fragment,
+    read,
+)
+from fabcraft.geometry.raster import pixel_range
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Faces and their edges; made once for a connectivity, whatever the vertices do.
+
+    faces : (F, 3) int32.
+    edges : (E, 4) int32, the two ends, and the opposite corners of its first two faces (-1: no second one).
+    """
+
+    faces: Int32[np.ndarray, "F 3"]
+    edges: Int32[np.ndarray, "E 4"]
+
+    def __post_init__(self) -> None:
+        for name in ("faces", "edges"):
+            array = np.array(getattr(self, name), dtype=np.int32)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @staticmethod
+    def of(faces: Integer[np.ndarray, "F 3"]) -> "Topology":
+        """The topology of (F, 3) `faces`."""
+        triangles = np.ascontiguousarray(faces, dtype=np.int32)
+        ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        opposite = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
+        ends.sort(axis=1)
+        order = np.lexsort((ends[:, 1], ends[:, 0]))
+        ends, opposite = ends[order], opposite[order]
+        new = np.ones(len(ends), bool)
+        new[1:] = (ends[1:] != ends[:-1]).any(1)
+        first = np.flatnonzero(new)
+        count = np.diff(np.append(first, len(ends)))
+        second = np.where(count > 1, opposite[np.minimum(first + 1, len(ends) - 1)], -1)
+        return Topology(triangles, np.column_stack([ends[first], opposite[first], second]).astype(np.int32))
+
+
+@nb.njit(cache=True, inline="always")
+@typing.no_type_check
+def _side(screen, a, b, c):
+    """Twice the signed area of a, b, c in the picture."""
+    return (screen[b, 0] - screen[a, 0]) * (screen[c, 1] - screen[a, 1]) - (screen[c, 0] - screen[a, 0]) * (
+        screen[b, 1] - screen[a, 1]
+    )
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _inner_side(screen, edges, edge):
+    """The side of a silhouette edge on which its faces lie; 0 for any other edge.
+
+    A face seen exactly edge-on has no side: the other one decides.
+    """
+    a, b, o, p = edges[edge, 0], edges[edge, 1], edges[edge, 2], edges[edge, 3]
+    first = _side(screen, a, b, o)
+    if p < 0:
+        return first
+    second = _side(screen, a, b, p)
+    if (first > 0.0 and second >= 0.0) or (first < 0.0 and second <= 0.0):
+        return first
+    return second if first == 0.0 else 0.0
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _walk_range(screen, edge_a, edge_b, height, width):
+    """Axis across the edge (0: it is followed over the rows), first and end row or column."""
+    dx, dy = screen[edge_b, 0] - screen[edge_a, 0], screen[edge_b, 1] - screen[edge_a, 1]
+    axis = 0 if abs(dy) >= abs(dx) else 1
+    low = min(screen[edge_a, 1 - axis], screen[edge_b, 1 - axis])
+    high = max(screen[edge_a, 1 - axis], screen[edge_b, 1 - axis])
+    if not (low <= high and high - low < np.inf):
+        return axis, 0, 0
+    first, end = pixel_range(low, high, 0, height if axis == 0 else width)
+    return axis, first, end
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _slope(screen, key, a, b, c):
+    """How fast the depth key changes a pixel, over the face a, b, c."""
+    area = _side(screen, a, b, c)
+    ku, kv = key[b] - key[a], key[c] - key[a]
+    kx = (ku * (screen[c, 1] - screen[a, 1]) - kv * (screen[b, 1] - screen[a, 1])) / area
+    ky = (kv * (screen[b, 0] - screen[a, 0]) - ku * (screen[c, 0] - screen[a, 0])) / area
+    return abs(kx) + abs(ky)
+
+
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+@typing.no_type_check
+def count_crossings(screen, edges, height, width, counts):
+    """An upper bound on the crossings of every view, into counts (K,)."""
+    for view in nb.prange(len(counts)):
+        corners, total = screen[view], 0
+        for edge in range(len(edges)):
+            if _inner_side(corners, edges, edge) != 0.0:
+                _, first, end = _walk_range(corners, edges[edge, 0], edges[edge, 1], height, width)
+                total += max(end - first, 0)
+        counts[view] = total
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _walk_edge(screen, key, edges, edge, inner, face_id, nearest, pixels, places, keys, count):
+    """Append the visible crossings of one silhouette edge; the new count."""
+    height, width = face_id.shape
+    a, b, o, p = edges[edge, 0], edges[edge, 1], edges[edge, 2], edges[edge, 3]
+    axis, first, end = _walk_range(screen, a, b, height, width)
+    if first >= end:
+        return count
+    along_a, along_b = screen[a, 1 - axis], screen[b, 1 - axis]
+    across_a, across_b = screen[a, axis], screen[b, axis]
+    length = along_b - along_a
+    positive = inner * length < 0.0 if axis == 0 else inner * length > 0.0
+    # A rim may be nearer than the inner pixel centre by what its faces fall off within a pixel.
+    slack = _slope(screen, key, a, b, o)
+    if p >= 0:
+        slack = max(slack, _slope(screen, key, a, b, p))
+    for line in range(first, end):
+        s = (line + 0.5 - along_a) / length
+        if line + 0.5 >= max(along_a, along_b) or not (0.0 <= s <= 1.0):
+            continue
+        across = across_a + s * (across_b - across_a)
+        if not (-1.0 <= across <= (width if axis == 0 else height) + 1.0):
+            continue
+        near = int(np.ceil(across - 0.5))
+        inside, outside = (near, near - 1) if positive else (near - 1, near)
+        if min(inside, outside) < 0 or max(inside, outside) >= (width if axis == 0 else height):
+            continue
+        r, c = (line, inside) if axis == 0 else (inside, line)
+        q, d = (line, outside) if axis == 0 else (outside, line)
+        edge_key = key[a] + s * (key[b] - key[a])
+        if face_id[r, c] < 0 or not (edge_key < nearest[q, d] and nearest[r, c] <= edge_key + slack):
+            continue
+        pixels[count, 0], pixels[count, 1], pixels[count, 2] = r * width + c, q * width + d, edge
+        places[count, 0], places[count, 1] = s, abs(across - inside - 0.5)
+        keys[count] = edge_key
+        count += 1
+    return count
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _keep_outermost(width, pixels, places, keys, count):
+    """Keep, by pixel, one crossing a pixel pair: the outermost, else the nearest, else the first edge."""
+    code = np.empty(count, np.int64)
+    for i in range(count):
+        step = pixels[i, 1] - pixels[i, 0]
+        code[i] = 4 * np.int64(pixels[i, 0]) + (
+            0 if step == width else 1 if step == -width else 2 if step > 0 else 3
+        )
+    order = np.argsort(code)
+    found, spots, kept = pixels[:count].copy(), places[:count].copy(), 0
+    best = -1
+    for i in range(count):
+        this = order[i]
+        if best < 0 or code[this] != code[best]:
+            best, kept = this, kept + 1
+        else:
+            by_t, by_key = spots[this, 1] - spots[best, 1], keys[best] - keys[this]
+            if by_t < 0.0 or (by_t == 0.0 and (by_key < 0.0 or (by_key == 0.0 and this > best))):
+                continue
+            best = this
+        pixels[kept - 1], places[kept - 1] = found[best], spots[best]
+    return kept
+
+
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+@typing.no_type_check
+def find_crossings(screen, keys, edges, face_id, nearest, pixels, places, counts):
+    """Fill pixels (K, N, 3) inner, outer, edge; places (K, N, 2) s along the edge, t; counts (K,)."""
+    for view in nb.prange(len(counts)):
+        corners, key, count = screen[view], keys[view], 0
+        found = np.empty(pixels.shape[1], np.float64)
+        for edge in range(len(edges)):
+            inner = _inner_side(corners, edges, edge)
+            if inner != 0.0:
+                count = _walk_edge(
+                    corners, key, edges, edge, inner, face_id[view], nearest[view],
+                    pixels[view], places[view], found, count,
+                )  # fmt: skip
+        counts[view] = _keep_outermost(face_id.shape[2], pixels[view], places[view], found, count)
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _rim(screen, key, normals, faces, edges, edge, seen, s, light, ambient, orthographic):
+    """Depth, normal (3) and shade at the place s of an edge, on the side that the face `seen` shows."""
+    sign = face_sign(screen, faces[seen, 0], faces[seen, 1], faces[seen, 2])
+    a, b = edges[edge, 0], edges[edge, 1]
+    return fragment(screen, key, normals, a, b, a, 1.0 - s, s, 0.0, sign, light, ambient, orthographic)
+
+
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+@typing.no_type_check
+def blend(
+    screen, keys, normals, faces, edges, lights, ambient, orthographic, face_id, pixels, places, counts,
+    mask, depth, normal, shaded,
+):  # fmt: skip
+    """Antialias the pictures (K, H, W) in place."""
+    width = face_id.shape[2]
+    for view in nb.prange(len(counts)):
+        change = np.empty((counts[view], 6), np.float64)
+        for i in range(counts[view]):
+            inner, outer = pixels[view, i, 0], pixels[view, i, 1]
+            z, nx, ny, nz, lit = _rim(
+                screen[view], keys[view], normals, faces, edges, pixels[view, i, 2],
+                face_id[view, inner // width, inner % width], places[view, i, 0], lights[view],
+                ambient, orthographic,
+            )  # fmt: skip
+            share = 0.5 - places[view, i, 1]
+            beyond = read(mask, depth, normal, shaded, view, outer // width, outer % width)
+            for part, rim in enumerate((1.0, z, nx, ny, nz, lit)):
+                change[i, part] = share * (beyond[part] - rim)
+        for i in range(counts[view]):
+            target = pixels[view, i, 0] if places[view, i, 1] < 0.5 else pixels[view, i, 1]
+            r, c = target // width, target % width
+            if mask.shape[1] > 0:
+                mask[view, r, c] += change[i, 0]
+            if depth.shape[1] > 0:
+                depth[view, r, c] += change[i, 1]
+            if normal.shape[1] > 0:
+                for axis in range(3):
+                    normal[view, r, c, axis] += change[i, 2 + axis]
+            if shaded.shape[1] > 0:
+                shaded[view, r, c] += change[i, 5]
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _move_crossing(screen, a, b, axis, s, g_across, g_s, grad_screen):
+    """Add the derivatives by the ends a and b from those by the position across the edge and by s."""
+    length = screen[b, 1 - axis] - screen[a, 1 - axis]
+    by_s = (g_s + g_across * (screen[b, axis] - screen[a, axis])) / length
+    grad_screen[a, axis] += g_across * (1.0 - s)
+    grad_screen[b, axis] += g_across * s
+    grad_screen[a, 1 - axis] -= by_s * (1.0 - s)
+    grad_screen[b, 1 - axis] -= by_s * s
+
+
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+@typing.no_type_check
+def blend_backward(
+    screen, keys, normals, faces, edges, lights, ambient, orthographic, bands, face_id,
+    pixels, places, counts, g_mask, g_depth, g_normal, g_shaded, grad_screen, grad_normals,
+):  # fmt: skip
+    """Add the derivatives of `blend` to slice view * bands of grad_screen and grad_normals (tasks, V, 3)."""
+    width = face_id.shape[2]
+    for view in nb.prange(len(counts)):
+        corners, key, light = screen[view], keys[view], lights[view]
+        to_screen, to_normals = grad_screen[view * bands], grad_normals[view * bands]
+        for i in range(counts[view]):
+            inner, outer, edge = pixels[view, i, 0], pixels[view, i, 1], pixels[view, i, 2]
+            s, share = places[view, i, 0], 0.5 - places[view, i, 1]
+            target = inner if share > 0.0 else outer
+            gm, gd, gx, gy, gz, gs = read(
+                g_mask, g_depth, g_normal, g_shaded, view, target // width, target % width
+            )
+            seen = face_id[view, inner // width, inner % width]
+            behind = face_id[view, outer // width, outer % width]
+            z, nx, ny, nz, lit = _rim(
+                corners, key, normals, faces, edges, edge, seen, s, light, ambient, orthographic
+            )
+            jump = -gm - gd * z - gx * nx - gy * ny - gz * nz - gs * lit
+            if behind >= 0:
+                a, b, c = faces[behind, 0], faces[behind, 1], faces[behind, 2]
+                px, py = outer % width + 0.5, outer // width + 0.5
+                z, nx, ny, nz, lit = pixel_fragment(
+                    corners, key, normals, a, b, c, px, py, light, ambient, orthographic
+                )
+                jump += gm + gd * z + gx * nx + gy * ny + gz * nz + gs * lit
+                pixel_backward(
+                    corners, key, normals, a, b, c, px, py, light, ambient, orthographic,
+                    share * gd, share * gx, share * gy, share * gz, share * gs, to_screen, to_normals,
+                )  # fmt: skip
+            a, b = edges[edge, 0], edges[edge, 1]
+            sign = face_sign(corners, faces[seen, 0], faces[seen, 1], faces[seen, 2])
+            g0, g1, _ = fragment_backward(
+                corners, key, normals, a, b, a, 1.0 - s, s, 0.0, sign, light, ambient, orthographic,
+                -share * gd, -share * gx, -share * gy, -share * gz, -share * gs, to_screen, to_normals,
+            )  # fmt: skip
+            axis = 1 if abs(outer - inner) == width else 0
+            # t grows with the position across the edge when the outer pixel has the larger index
+            _move_crossing(corners, a, b, axis, s, -jump if outer > inner else jump, g1 - g0, to_screen)

@@ -1,0 +1,108 @@
+"""Height fields in the front view: how far towards the viewer (-y, so h = -y, mm) a surface stands over each pixel.
+
+Ray hits, the height of an offset surface, and the smoothest sheet over an obstacle.
+"""
+
+import numpy as np
+import scipy.sparse as sparse
+from jaxtyping import Bool, Float64
+from scipy.ndimage import gaussian_filter, grey_dilation
+from scipy.sparse.linalg import splu
+
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.raster import rasterize
+from fabcraft.mesh import Mesh
+
+
+def front_heights(mesh: Mesh, plane: Plane) -> Float64[np.ndarray, "H W"]:
+    """Height of the frontmost surface over every pixel centre, mm; -inf where the view misses the mesh."""
+    pixels = plane.to_pixels(mesh.vertices[:, [0, 2]])
+    _, _, depth = rasterize(
+        np.column_stack([pixels, mesh.vertices[:, 1]]), mesh.faces, plane.width, plane.height
+    )
+    return -depth.astype(np.float64)
+
+
+def raised(
+    heights: Float64[np.ndarray, "H W"], distance_mm: float, pixel_mm: float
+) -> Float64[np.ndarray, "H W"]:
+    """Height of the surface `distance_mm` in front of the given one: grey dilation by a ball, mm."""
+    if distance_mm <= 0.0:
+        return heights.copy()
+    reach = int(np.floor(distance_mm / pixel_mm))
+    rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1] * pixel_mm
+    square = distance_mm**2 - rows**2 - columns**2
+    ball = np.sqrt(np.maximum(square, 0.0))
+    low = -1e9
+    filled = np.where(np.isfinite(heights), heights, low)
+    grown = grey_dilation(filled, footprint=square >= 0, structure=ball, mode="nearest")
+    return np.where(grown > 0.5 * low, grown, -np.inf)
+
+
+def smoothest_over(
+    obstacle: Float64[np.ndarray, "H W"],
+    wanted: Float64[np.ndarray, "H W"],
+    weight: Float64[np.ndarray, "H W"],
+    pixel_mm: float,
+    stiffness_mm: float,
+    decay_mm: float,
+    rounds: int = 12,
+) -> Float64[np.ndarray, "H W"]:
+    """The smooth height m that minimises ∫ w (m − wanted)² + ℓ⁴ (Δm)² + ℓ⁴/d² |∇m|²  with m ≥ obstacle (within a spring's give), mm.
+
+    obstacle : -inf where nothing is in the way.  wanted, weight w : where the sheet should be, and how much (0..1).
+    stiffness_mm ℓ : features narrower than about ℓ are bridged.  decay_mm d : where nothing is wanted the sheet goes on
+    as (Δ² − Δ/d²) m = 0, so a slope dies out over d.  The obstacle is kept by an active set of stiff springs.
+    """
+    rows, columns = obstacle.shape
+    laplace = _grid_laplacian(rows, columns) / pixel_mm**2
+    bending = stiffness_mm**4 * (laplace.T @ laplace) + (stiffness_mm**4 / decay_mm**2) * laplace
+    pull = np.where(np.isfinite(wanted), weight, 0.0).ravel()
+    aim = np.where(np.isfinite(wanted), wanted, 0.0).ravel()
+    below = np.isfinite(obstacle).ravel()
+    floor = np.where(below, obstacle.ravel(), 0.0)
+    stiff = 300.0
+    active: Bool[np.ndarray, " N"] = np.zeros(len(pull), dtype=bool)
+    height = np.zeros(len(pull))
+    for _ in range(rounds):
+        spring = stiff * active
+        matrix = (bending + sparse.diags(pull + spring)).tocsc()
+        height = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(
+            pull * aim + spring * floor
+        )
+        # a spring that would have to pull downwards is let go; a point under the obstacle gets one
+        changed = below & np.where(active, height <= floor + 1e-3, height < floor - 0.05)
+        if (changed == active).all():
+            break
+        active = changed
+    return height.reshape(rows, columns)
+
+
+def lifted_over(
+    height: Float64[np.ndarray, "H W"], obstacle: Float64[np.ndarray, "H W"], pixel_mm: float, blend_mm: float
+) -> Float64[np.ndarray, "H W"]:
+    """`height` smoothed over `blend_mm` and lifted, in broad soft swells, until no pixel is under the obstacle, mm.
+
+    The lift is the missing height, spread flat over three sigma and smoothed by one that is cut off at three: a mean of
+    values that are each at least the missing height, so the promise is exact and no kink is left where the sheet rests.
+    """
+    sigma = blend_mm / pixel_mm
+    soft = gaussian_filter(height, sigma, mode="nearest")
+    missing = np.maximum(np.where(np.isfinite(obstacle), obstacle - soft, 0.0), 0.0)
+    reach = int(3.0 * sigma + 0.5)
+    # the filter's window is a square: so is the spread, or its corners would see less than the missing height
+    spread = grey_dilation(missing, size=(2 * reach + 1, 2 * reach + 1), mode="nearest")
+    return soft + gaussian_filter(spread, sigma, mode="nearest", radius=reach)
+
+
+def _grid_laplacian(rows: int, columns: int) -> sparse.csr_matrix:
+    """Positive semi-definite 5-point Laplacian of the pixel grid with free (Neumann) borders."""
+
+    def second_difference(count: int) -> sparse.csr_matrix:
+        first = sparse.diags([-np.ones(count - 1), np.ones(count - 1)], [0, 1], shape=(count - 1, count))
+        return (first.T @ first).tocsr()
+
+    return (
+        sparse.kron(sparse.identity(rows), second_difference(columns))
+        + sparse.kron(second_difference(rows), sparse.identity(columns))
+    ).tocsr()

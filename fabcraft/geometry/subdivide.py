@@ -1,0 +1,60 @@
+"""Loop subdivision as a sparse matrix, so that all that lives on vertices can follow.
+
+Weights: C. Loop, "Smooth subdivision surfaces based on triangles", 1987, with Warren's vertex weights
+(beta = 3/16 for three neighbours, 3/(8 n) for n > 3); on an open boundary the cubic B-spline rule.
+"""
+
+import numpy as np
+from jaxtyping import Int32
+from scipy.sparse import coo_matrix, csr_matrix
+
+
+def loop_matrix(
+    faces: Int32[np.ndarray, "F 3"], vertex_count: int
+) -> tuple[csr_matrix, Int32[np.ndarray, "F4 3"]]:
+    """One step of Loop subdivision.
+
+    Returns (S, new_faces): S (V + E, V), rows sum to 1, the first V rows are the old vertices moved and the
+    others one point per edge; new_faces (4 F, 3), the four children of face f at 4 f .. 4 f + 3.
+    """
+    halves = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2), axis=1)  # edge k is opposite corner k
+    edges, edge_of_half = np.unique(halves, axis=0, return_inverse=True)
+    edge_of_half = edge_of_half.reshape(-1)
+    uses = np.bincount(edge_of_half, minlength=len(edges))
+    inner = uses == 2
+    odd = _edge_rows(edges, edge_of_half, faces.reshape(-1), inner, vertex_count)
+    even = _vertex_rows(edges, inner, vertex_count)
+    rows, columns, weights = (np.concatenate(parts) for parts in zip(even, odd, strict=True))
+    matrix = coo_matrix((weights, (rows, columns)), shape=(vertex_count + len(edges), vertex_count)).tocsr()
+    middles = (edge_of_half.reshape(-1, 3) + vertex_count).astype(np.int32)
+    (a, b, c), (p, q, r) = faces.T, middles.T  # p opposite a, q opposite b, r opposite c
+    children = np.stack([[a, r, q], [r, b, p], [q, p, c], [p, q, r]])  # 4, 3, F
+    return matrix, np.ascontiguousarray(children.transpose(2, 0, 1).reshape(-1, 3), dtype=np.int32)
+
+
+def _edge_rows(edges, edge_of_half, opposite, inner, vertex_count):
+    """New points: 3/8 (a + b) + 1/8 (both opposite corners); the middle of a boundary edge."""
+    ends = np.where(inner, 3 / 8, 1 / 2)
+    shared = inner[edge_of_half]
+    row = np.arange(len(edges)) + vertex_count
+    rows = np.concatenate([row, row, edge_of_half[shared] + vertex_count])
+    columns = np.concatenate([edges[:, 0], edges[:, 1], opposite[shared]])
+    return rows, columns, np.concatenate([ends, ends, np.full(shared.sum(), 1 / 8)])
+
+
+def _vertex_rows(edges, inner, vertex_count):
+    """Old points: (1 - n beta) v + beta sum of the n neighbours; 3/4 v + 1/8 of both on a boundary."""
+    on_rim = np.zeros(vertex_count, dtype=bool)
+    on_rim[edges[~inner]] = True
+    pairs = np.concatenate([edges, edges[:, ::-1]])
+    along_rim = np.concatenate([~inner, ~inner])
+    counts = np.bincount(pairs[:, 0], minlength=vertex_count)
+    beta = np.where(counts > 3, 3 / (8 * np.maximum(counts, 1)), 3 / 16)
+    weight = np.where(on_rim[pairs[:, 0]], np.where(along_rim, 1 / 8, 0.0), beta[pairs[:, 0]])
+    own = 1.0 - np.bincount(pairs[:, 0], weights=weight, minlength=vertex_count)
+    index = np.arange(vertex_count)
+    return (
+        np.concatenate([index, pairs[:, 0]]),
+        np.concatenate([index, pairs[:, 1]]),
+        np.concatenate([own, weight]),
+    )
