@@ -9,7 +9,12 @@ def grid(n=5):
     x, y = np.meshgrid(np.arange(n, dtype=float), np.arange(n, dtype=float))
     vertices = np.stack([x.ravel(), y.ravel(), 0.1 * x.ravel() ** 2], 1)
     index = np.arange(n * n).reshape(n, n)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    a, b, c, d = (
+        index[:-1, :-1].ravel(),
+        index[:-1, 1:].ravel(),
+        index[1:, 1:].ravel(),
+        index[1:, :-1].ravel(),
+    )
     return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
@@ -32,7 +37,9 @@ def test_laplacian_of_a_right_triangle_is_the_matrix_written_by_hand():
 def test_frames_are_orthonormal_and_areas_right():
     vertices, faces = grid()
     frames, areas = face_frames(vertices, faces)
-    np.testing.assert_allclose(np.einsum("fdi,fdj->fij", frames, frames), np.tile(np.eye(2), (len(faces), 1, 1)), atol=1e-14)
+    np.testing.assert_allclose(
+        np.einsum("fdi,fdj->fij", frames, frames), np.tile(np.eye(2), (len(faces), 1, 1)), atol=1e-14
+    )
     flat = vertices * [1, 1, 0]
     np.testing.assert_allclose(face_frames(flat, faces)[1], 0.5)
     assert (areas > 0.5).all()
@@ -52,7 +59,9 @@ def test_edges_of_a_grid_obey_euler_and_the_boundary_is_one_loop():
     loops = boundary_loops(faces)
     assert len(loops) == 1 and len(loops[0]) == 16
     loop = vertices[loops[0]]
-    assert 0.5 * np.sum(loop[:, 0] * np.roll(loop[:, 1], -1) - np.roll(loop[:, 0], -1) * loop[:, 1]) == pytest.approx(16.0)
+    assert 0.5 * np.sum(
+        loop[:, 0] * np.roll(loop[:, 1], -1) - np.roll(loop[:, 0], -1) * loop[:, 1]
+    ) == pytest.approx(16.0)
 
 
 def test_an_edge_with_three_faces_is_refused():

@@ -14,7 +14,9 @@ def star(points=5, outer=40.0, inner=18.0):
     angle = np.linspace(0, 2 * np.pi, 2 * points, endpoint=False)
     radius = np.where(np.arange(2 * points) % 2, inner, outer)
     corners = np.stack([np.sin(angle), np.cos(angle)], 1) * radius[:, None]
-    return np.concatenate([np.linspace(a, b, 30, endpoint=False) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)])
+    return np.concatenate(
+        [np.linspace(a, b, 30, endpoint=False) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+    )
 
 
 def areas(mesh):
@@ -22,13 +24,19 @@ def areas(mesh):
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
-@pytest.mark.parametrize("loops", [[circle(30)], [star()], [circle(40), circle(8, (-15, 5)), circle(8, (15, 5))]])
+@pytest.mark.parametrize(
+    "loops", [[circle(30)], [star()], [circle(40), circle(8, (-15, 5)), circle(8, (15, 5))]]
+)
 def test_the_faces_fill_the_region_once_and_face_up(loops):
     mesh = triangulate(loops, 3.0)
     wanted = abs(signed_area(loops[0])) - sum(abs(signed_area(loop)) for loop in loops[1:])
     assert areas(mesh).min() > 0
     assert areas(mesh).sum() == pytest.approx(wanted, rel=0.01)
-    euler = len(mesh.points) - len(np.unique(np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), 1), axis=0)) + len(mesh.faces)
+    euler = (
+        len(mesh.points)
+        - len(np.unique(np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), 1), axis=0))
+        + len(mesh.faces)
+    )
     assert euler == 2 - len(loops)
 
 
@@ -61,7 +69,9 @@ def test_smoothing_removes_ripple_and_keeps_the_radius_and_a_tip():
 
 def test_resampling_is_even_and_keeps_corners():
     square = np.array([[0.0, 0], [10, 0], [10, 10], [0, 10]])
-    dense = np.concatenate([np.linspace(a, b, 50, endpoint=False) for a, b in zip(square, np.roll(square, -1, 0), strict=True)])
+    dense = np.concatenate(
+        [np.linspace(a, b, 50, endpoint=False) for a, b in zip(square, np.roll(square, -1, 0), strict=True)]
+    )
     points = resample(dense, 1.7, corner_reach=1.0)
     assert all(np.linalg.norm(points - corner, axis=1).min() < 1e-9 for corner in square)
 

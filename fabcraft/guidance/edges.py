@@ -1,5 +1,7 @@
 """A picture of a drawing becomes a `Drawing`: ink, closed outline, eyes, regions and strokes.  Pixels throughout."""
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float64, UInt8
@@ -22,28 +24,37 @@ Points = Float64[np.ndarray, "_ 2"]
 CLOSE_IT = "Close the outline with a dark line, then try again (gaps up to a tenth of the drawing are closed for you)."
 
 
+@dataclass(frozen=True, eq=False)
+class _Rim:
+    """The outline and how it was got, in the coordinates of the padded page."""
+
+    outline: Points
+    ink: Mask
+    gap_px: float
+    blunt: bool
+    """The gap was closed by growing lines together, not by a curve."""
+    others: int
+    """Other drawings on the page."""
+
+
 def understand(rgba: UInt8[np.ndarray, "H W 4"]) -> Drawing:
     """The `Drawing` in a picture, (H, W, 4) uint8 RGBA of any size.
 
     Raises `InputError` when the page is blank or no outline is closed.
     """
     rgba = working_copy(rgba)
-    bare, width = one_line(ink_of(rgba))
+    page, width = one_line(ink_of(rgba))
     margin = int(4 * width) + 4  # lines may touch the border of the picture
-    page = np.pad(bare, margin)
-    closed = close_gaps(page, width, margin)
-    shape = _main_shape(closed, page, width)
-    bridges = _on_the_rim(closed.bridges, shape.mask, width)
-    outline = outline_of(shape, width, np.vstack([b.points for b in bridges]) if bridges else None)
-    silhouette = fill_contour(outline, page.shape)
-    parts = parts_of(close_loops(closed.ink, silhouette, width), silhouette, width)
+    rim = _rim(np.pad(page, margin), width, margin)
+    around = fill_contour(rim.outline, rim.ink.shape)
+    parts = parts_of(close_loops(rim.ink, around, width), around, width)
     # From here on in the coordinates of the picture.
-    page, silhouette = bare, silhouette[margin:-margin, margin:-margin]
-    outline, loops = outline - margin, tuple(loop.moved(-margin) for loop in parts.loops)
+    silhouette, outline = around[margin:-margin, margin:-margin], rim.outline - margin
+    loops = tuple(loop.moved(-margin) for loop in parts.loops)
     axis = mirror_axis(silhouette)
     eyes = find_eyes(loops, silhouette, axis)
     openings = tuple(eye.contour for eye in eyes)
-    gap = float(max([closed.closing_px, *(b.gap_px for b in bridges)]))
+    others = [loop.contour for loop in loops if not any(loop is eye for eye in eyes)]
     outside = _lines_outside(page, silhouette, width)
     return Drawing(
         width=rgba.shape[1],
@@ -52,27 +63,27 @@ def understand(rgba: UInt8[np.ndarray, "H W 4"]) -> Drawing:
         outline=outline,
         eyes=openings,
         holes=(),
-        regions=tuple(
-            r.contour for r in loops if all(r is not e for e in eyes) and not _lies_in(r.contour, openings)
-        ),
+        regions=tuple(r for r in others if not _lies_in(r, openings)),
         strokes=tuple(s - margin for s in parts.strokes if not _lies_in(s - margin, openings)),
         stroke_width_px=width,
-        outline_closed=gap == 0.0,
-        gap_closed_px=gap,
+        outline_closed=rim.gap_px == 0.0,
+        gap_closed_px=rim.gap_px,
         symmetry_axis_px=axis.column_px,
         symmetry_tilt_deg=axis.tilt_deg,
         symmetry_iou=axis.iou,
-        dropped=_dropped(outside, _marks_in(page, openings, width) if not parts.solid else 0),
-        warnings=(
-            *_about_the_page(closed, shape, outline, bare.shape, width),
-            *_about_the_outline(outside, outline, gap, closed.closing_px, width),
-            *(
-                ("The eyes are drawn as filled spots; they are taken as openings.",)
-                if eyes and eyes[0].spot
-                else ()
-            ),
-        ),
+        dropped=_dropped(outside, 0 if parts.solid else _marks_in(page, openings, width)),
+        warnings=_warnings(rim, outline, page.shape, outside, width, bool(eyes) and eyes[0].spot),
     )
+
+
+def _rim(page: Mask, width: float, margin: int) -> _Rim:
+    """The closed outline of the largest drawing on the page."""
+    closed = close_gaps(page, width, margin)
+    shape = _main_shape(closed, page, width)
+    bridges = _on_the_rim(closed.bridges, shape.mask, width)
+    outline = outline_of(shape, width, np.vstack([b.points for b in bridges]) if bridges else None)
+    gap = float(max([closed.closing_px, *(b.gap_px for b in bridges)]))
+    return _Rim(outline, closed.ink, gap, closed.closing_px > 0, _others(closed, shape, width))
 
 
 def _main_shape(closed: Closed, page: Mask, width: float) -> Trimmed:
@@ -140,40 +151,42 @@ def _dropped(outside: list[float], marks: int) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _about_the_page(
-    closed: Closed, shape: Trimmed, outline: Points, size: tuple[int, int], width: float
-) -> list[str]:
-    """More than one drawing; a drawing cut by the border."""
-    out, others, rest = [], 0, closed.filled & ~shape.mask
-    while others < 9:
+def _others(closed: Closed, shape: Trimmed, width: float) -> int:
+    """How many other drawings are on the page: closed shapes of at least 8 % of the main one's area."""
+    rest = closed.filled & ~shape.mask
+    for count in range(9):
         other = trim(rest, width).mask
         if other.sum() < 0.08 * shape.mask.sum():
-            break
-        others, rest = others + 1, rest & ~other
-    if others:
-        out.append(
-            f"The picture holds {others + 1} drawings; the largest was used. Crop the picture to choose another one."
-        )
-    if outline.min() < 1.0 or (outline.max(0) > np.array(size[::-1]) - 1.0).any():
-        out.append("The drawing reaches the border of the picture; what lies beyond is missing.")
-    return out
+            return count
+        rest &= ~other
+    return 9
 
 
-def _about_the_outline(
-    others: bool, outside: list[float], outline: Points, gap: float, closing_px: float, width: float
-) -> list[str]:
-    """Where the outline may not be what was meant."""
+def _warnings(
+    rim: _Rim, outline: Points, size: tuple[int, int], outside: list[float], width: float, spots: bool
+) -> tuple[str, ...]:
+    """What the user should know."""
     out = []
-    if closing_px:
+    if rim.others:
         out.append(
-            f"Gaps of up to {gap:.0f} px in the outline were closed bluntly. Draw the missing line for a true edge."
+            f"The picture holds {rim.others + 1} drawings; the largest was used. "
+            "Crop the picture to choose another one."
         )
-    elif gap > 3 * width:
-        out.append(f"A gap of {gap:.0f} px in the outline was closed by a curve.")
-    longest = 0.3 * float(np.ptp(outline, axis=0).max())
-    if outside and outside[0] > longest and not others:
+    cut = outline.min() < 1.0 or bool((outline.max(0) > np.array(size[::-1]) - 1.0).any())
+    if cut:
+        out.append("The drawing reaches the border of the picture; what lies beyond is missing.")
+    if rim.blunt:
         out.append(
-            f"A line of {outside[0]:.0f} px lies outside the closed outline and was left out. If it is a part of the shape "
-            "(an ear, a horn), close its gaps."
+            f"Gaps of up to {rim.gap_px:.0f} px in the outline were closed bluntly. "
+            "Draw the missing line for a true edge."
         )
-    return out
+    elif rim.gap_px > 3 * width and not cut:
+        out.append(f"A gap of {rim.gap_px:.0f} px in the outline was closed by a curve.")
+    if outside and outside[0] > 0.3 * float(np.ptp(outline, axis=0).max()) and not rim.others:
+        out.append(
+            f"A line of {outside[0]:.0f} px lies outside the closed outline and was left out. "
+            "If it is a part of the shape (an ear, a horn), close its gaps."
+        )
+    if spots:
+        out.append("The eyes are drawn as filled spots; they are taken as openings.")
+    return tuple(out)

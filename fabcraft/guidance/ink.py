@@ -82,15 +82,15 @@ def darkness(rgb: Float32[np.ndarray, "H W 3"]) -> Grey:
     return np.clip(np.maximum(taken.mean(2), 0.8 * taken.max(2)), 0, 1).astype(np.float32)
 
 
-def stroke_width(mask: Mask) -> float:
-    """Median width of the drawn lines, pixels; of a page of filled shapes, about 1 % of the side."""
+def stroke_width(mask: Mask, percentile: float = 50) -> float:
+    """Median (or another percentile) of the width of the drawn lines, pixels; of a page of filled shapes, about 1 % of the side."""
     usual = max(mask.shape) / 100
     filled = ndimage.binary_fill_holes(mask)
     deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     if mask.sum() > 0.6 * filled.sum() and deep.max() > 5 * usual:
         return usual
     ridge = mask & (deep >= ndimage.maximum_filter(deep, 3) - 0.01) & (deep < 4 * usual)
-    width = float(np.median(2 * deep[ridge] - 1)) if ridge.sum() > 20 else usual
+    width = float(np.percentile(2 * deep[ridge] - 1, percentile)) if ridge.sum() > 20 else usual
     return float(np.clip(width, 2.0, 4 * usual))
 
 
@@ -100,8 +100,9 @@ def one_line(mask: Mask) -> tuple[Mask, float]:
     r = int(width) + 2
     grown = cv2.distanceTransform((~np.pad(mask, r)).astype(np.uint8), cv2.DIST_L2, 5) <= 0.7 * width
     closed = (cv2.distanceTransform(grown.astype(np.uint8), cv2.DIST_L2, 5) > 0.7 * width)[r:-r, r:-r] | mask
-    bundle = stroke_width(closed)
-    return (closed, bundle) if bundle > 1.3 * width else (mask, width)
+    if closed.sum() < 1.04 * mask.sum():  # measured: single lines gain 1-3 %, three searching lines 5-6 %
+        return mask, width
+    return closed, stroke_width(closed, percentile=75)
 
 
 def _opaque(rgba: UInt8[np.ndarray, "H W 4"]) -> Float32[np.ndarray, "H W 3"]:

@@ -7,13 +7,12 @@ itself is ever opened: materials, textures and external buffers are refused.
 
 import io
 import json
-from collections.abc import Iterable
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int, Int32
-from trimesh.resolvers import Resolver
 
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
@@ -92,27 +91,23 @@ def _checked_kind(path: Path) -> str:
     return kind
 
 
-class _SealedResolver(Resolver):
-    """Refuses whatever a file wants to load from beside itself."""
+class _Sealed(Mapping[str, bytes]):
+    """What lies beside a file, for trimesh: nothing that it may have."""
 
-    def __init__(self) -> None:
-        self.asked: list[str] = []
-
-    def get(self, name: str) -> bytes:
-        self.asked.append(str(name))
+    def __getitem__(self, name: str) -> bytes:
         raise InputError(
             f"the file refers to another file, '{str(name)[:80]}', which is not opened",
             "Export one self-contained file (GLB, STL or 3MF).",
         )
 
-    def keys(self) -> Iterable[str]:
-        return ()
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
 
-    def namespaced(self, namespace: str) -> "_SealedResolver":
-        return self
+    def __len__(self) -> int:
+        return 0
 
-    def write(self, name: str, data: bytes) -> None:
-        raise InputError(f"nothing is written beside a mesh that is read ('{str(name)[:80]}')")
+    def __bool__(self) -> bool:
+        return True  # an empty mapping that counts as none would let trimesh look for files itself
 
 
 def _read_with_trimesh(path: Path, kind: str) -> Mesh:
@@ -124,7 +119,7 @@ def _read_with_trimesh(path: Path, kind: str) -> Mesh:
         _check_gltf(path, data)
     try:
         scene = trimesh.load_scene(
-            io.BytesIO(data), file_type=kind, resolver=_SealedResolver(), process=False, skip_materials=True
+            io.BytesIO(data), file_type=kind, resolver=_Sealed(), process=False, skip_materials=True
         )
         parts = _parts(path, scene)
     except InputError:
@@ -182,7 +177,7 @@ def _check_gltf(path: Path, data: bytes) -> None:
     except (ValueError, AttributeError, TypeError, RecursionError) as error:
         raise InputError(f"{path.name} is not a glTF file", "Export it again as GLB.") from error
     if outside := [uri for uri in uris if not uri.startswith("data:")]:
-        _SealedResolver().get(outside[0])
+        _Sealed()[outside[0]]
     if max(counts, default=0) > min(3 * MAX_FACES, len(data)):
         raise InputError(
             f"{path.name} announces {max(counts):,} numbers, which its {len(data):,} bytes cannot hold",

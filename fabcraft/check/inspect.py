@@ -1,0 +1,258 @@
+"""`check_mesh`: every check that applies, as one `PrintReport`.  Measures, never changes.
+
+A check that raises does not stop the others: it becomes a failure of its own name. Heavy libraries are
+imported by the checks that need them, and nothing here needs torch, so that `fabcraft check part.stl` starts
+quickly.
+"""
+
+import resource
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from fabcraft.check.report import Finding, PrintReport, Severity, Value, could_not_run
+from fabcraft.mesh import Mesh
+from fabcraft.profile import PrinterProfile
+
+if TYPE_CHECKING:
+    from fabcraft.check.thickness import Thickness
+    from fabcraft.check.topology import Topology
+    from fabcraft.geometry.distance import SurfaceDistance
+
+Result = TypeVar("Result")
+
+_LISTED_REGIONS = 8
+_CLEARLY_THIN = 0.95  # of the minimum: between this and the minimum it is a warning
+
+
+@dataclass(frozen=True, eq=False)
+class Worn:
+    """The body an object is checked against, and what it promises there."""
+
+    body: "SurfaceDistance"
+    clearance_mm: float = 0.0
+    """Wanted distance from the skin everywhere."""
+    penetration_limit_mm: float = 0.1
+    """What measuring and skin forgive."""
+    contacts: np.ndarray | None = None
+    """(C, 3) points on the body where the object rests."""
+    gaps_mm: np.ndarray | float = 0.0
+    """Wanted gap at the contacts."""
+    contact_limit_mm: float = 1.0
+    """Largest contact rms that still sits well."""
+    donning: tuple[float, float, float] | None = None
+    """The straight way off the body (a mask: 0, -1, 0); None: not checked."""
+    flex_mm: float = 0.5
+    """What material and skin give on the way."""
+    eyes: np.ndarray | None = None
+    """(E, 3) eye centres; None: the object covers no eye."""
+    view: tuple[float, float, float] = (0.0, -1.0, 0.0)
+    """Where the eyes look."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """The report and the maps behind it; a map is None when its check could not run."""
+
+    report: PrintReport
+    topology: "Topology | None" = None
+    thickness: "Thickness | None" = None
+
+
+@dataclass(eq=False)
+class _Ledger:
+    """What the checks have said so far."""
+
+    findings: list[Finding] = field(default_factory=list)
+    metrics: dict[str, Value] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def run(self, check: str, function: Callable[[], Result]) -> Result | None:
+        """The result of a check, timed; None and a failure when it raises."""
+        start = time.perf_counter()
+        try:
+            return function()
+        except Exception as error:
+            self.findings.append(could_not_run(check, f"{error}" or type(error).__name__))
+            return None
+        finally:
+            self.seconds[check] = time.perf_counter() - start
+
+
+def check_mesh(
+    mesh: Mesh,
+    profile: PrinterProfile,
+    *,
+    worn: Worn | None = None,
+    slicer: bool = False,
+    route: tuple[str, ...] = (),
+    files: tuple[str, ...] = (),
+) -> PrintReport:
+    """Check `mesh` for `profile`; `worn`: also on its body; `slicer`: also in PrusaSlicer (up to minutes)."""
+    return inspect_mesh(mesh, profile, worn=worn, slicer=slicer, route=route, files=files).report
+
+
+def inspect_mesh(
+    mesh: Mesh,
+    profile: PrinterProfile,
+    *,
+    worn: Worn | None = None,
+    slicer: bool = False,
+    route: tuple[str, ...] = (),
+    files: tuple[str, ...] = (),
+) -> Inspection:
+    """`check_mesh` with the maps: problem faces, thickness by sample, face and vertex."""
+    ledger = _Ledger()
+    topology = ledger.run("topology", lambda: _topology(mesh, ledger))
+    solid = topology is not None and topology.solid
+    thickness = None
+    if topology is not None and topology.faces:
+        ledger.run("printability", lambda: _printability(mesh, profile, solid, ledger))
+        if solid:
+            thickness = ledger.run("wall", lambda: _wall(mesh, profile, ledger))
+        else:
+            ledger.findings.append(
+                could_not_run(
+                    "wall", "the surface encloses nothing", "Repair the surface first: fabcraft solid."
+                )
+            )
+        if worn is not None:
+            _wear(mesh, worn, ledger)
+        if slicer:
+            ledger.run("slicer", lambda: _slicer(mesh, profile, ledger))
+    report = PrintReport(
+        findings=tuple(ledger.findings),
+        route=route,
+        metrics=ledger.metrics,
+        seconds=ledger.seconds,
+        peak_memory_bytes=peak_memory_bytes(),
+        files=files,
+    )
+    return Inspection(report, topology, thickness)
+
+
+def peak_memory_bytes() -> int:
+    """The most memory this process has held so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
+
+
+def _topology(mesh: Mesh, ledger: _Ledger) -> "Topology":
+    from fabcraft.check.topology import inspect_topology, topology_findings
+
+    topology = inspect_topology(mesh)
+    ledger.findings += topology_findings(topology)
+    names = (
+        "faces",
+        "open_edges",
+        "facets_reversed",
+        "parts",
+        "genus",
+        "degenerate_faces",
+        "self_intersections",
+    )
+    ledger.metrics |= {name: getattr(topology, name) for name in names if getattr(topology, name) is not None}
+    ledger.metrics["non_manifold_edges"] = topology.branching_edges + topology.touching_edges
+    return topology
+
+
+def _printability(mesh: Mesh, profile: PrinterProfile, solid: bool, ledger: _Ledger) -> None:
+    from fabcraft.check.printability import inspect_printability, printability_findings
+
+    state = inspect_printability(mesh, profile, solid)
+    ledger.findings += printability_findings(state, profile)
+    ledger.metrics |= {
+        "size_mm": state.size_mm,
+        "overhang_share": state.overhang_share,
+        "bed_contact_mm2": state.bed_contact_mm2,
+    }
+    if state.volume_mm3 is not None:
+        ledger.metrics["volume_mm3"] = state.volume_mm3
+
+
+def _wall(mesh: Mesh, profile: PrinterProfile, ledger: _Ledger) -> "Thickness":
+    from fabcraft.check.thickness import measure_thickness
+
+    supported, free = profile.min_wall_supported_mm, profile.min_wall_mm
+    limit = max(1.5 * profile.wall_mm, 1.5 * max(supported, free))
+    thickness = measure_thickness(mesh, free, supported, limit)
+    ledger.findings += wall_findings(thickness)
+    ledger.metrics |= {
+        "wall_min_mm": thickness.min_mm,
+        "wall_ray_min_mm": thickness.ray_min_mm,
+        "wall_measured_to_mm": thickness.limit_mm,
+        "wall_ok_share": thickness.ok_share,
+    }
+    return thickness
+
+
+def wall_findings(thickness: "Thickness") -> list[Finding]:
+    """The thin patches: a failure when clearly under the minimum, a warning within 5 % of it."""
+    found = []
+    severities: tuple[Severity, ...] = ("fail", "warn")
+    for severity in severities:
+        regions = [
+            region
+            for region in thickness.regions
+            if (region.thinnest_mm < _CLEARLY_THIN * region.limit_mm) == (severity == "fail")
+        ]
+        if not regions:
+            continue
+        thinnest = min(regions, key=lambda region: region.thinnest_mm / region.limit_mm)
+        area = sum(region.area_mm2 for region in regions)
+        kind = "with a free border" if thinnest.free else "joined to the rest"
+        found.append(
+            Finding(
+                check="wall",
+                severity=severity,
+                value=round(thinnest.thinnest_mm, 3),
+                limit=thinnest.limit_mm,
+                unit="mm",
+                where=tuple(region.centre for region in regions[:_LISTED_REGIONS]),
+                advice=f"{area:.0f} mm² in {len(regions)} places are thinner than the printer makes reliably "
+                f"(walls {kind}); fabcraft solid --wall thickens them.",
+            )
+        )
+    return found
+
+
+def _wear(mesh: Mesh, worn: Worn, ledger: _Ledger) -> None:
+    from fabcraft.check import wear
+
+    def seat() -> None:
+        fit = wear.measure_fit(mesh, worn.body, worn.contacts, worn.gaps_mm, worn.clearance_mm)
+        ledger.metrics.update(fit.metrics())
+        ledger.findings += wear.fit_findings(
+            fit, worn.penetration_limit_mm, worn.clearance_mm, worn.contact_limit_mm
+        )
+
+    def path() -> None:
+        donning = wear.measure_donning(mesh, worn.body, worn.donning or (0.0, -1.0, 0.0), worn.flex_mm)
+        ledger.metrics |= {"donnable": donning.donnable, "donning_pen_max_mm": donning.pen_max_mm}
+        ledger.findings += wear.donning_findings(donning)
+
+    def sight() -> None:
+        sights = wear.measure_sight(mesh, np.asarray(worn.eyes, dtype=np.float64), worn.view)
+        ledger.metrics["sight_open_share"] = min(one.open_share for one in sights)
+        ledger.findings += wear.sight_findings(sights)
+
+    ledger.run("fit", seat)
+    if worn.donning is not None:
+        ledger.run("donning", path)
+    if worn.eyes is not None and len(worn.eyes):
+        ledger.run("sight", sight)
+
+
+def _slicer(mesh: Mesh, profile: PrinterProfile, ledger: _Ledger) -> None:
+    from fabcraft.check.slicer import ask_slicer, slicer_findings
+
+    answer = ask_slicer(mesh, profile, slice_it=True)
+    ledger.findings += slicer_findings(answer, profile)
+    if answer.seconds is not None:
+        ledger.metrics["slicer_print_seconds"] = answer.seconds
+    if answer.filament_cm3 is not None:
+        ledger.metrics["slicer_filament_cm3"] = answer.filament_cm3

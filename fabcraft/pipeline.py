@@ -1,0 +1,227 @@
+"""`make`: one recipe through every stage; the only module that names them all.
+
+files, drawing → guidance → fit → solid → check → write. Every stage can also be called alone; see the README.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from fabcraft.body.body import Body
+from fabcraft.body.human import PRESETS, human
+from fabcraft.check.inspect import Inspection, Worn, inspect_mesh
+from fabcraft.check.report import Finding, PrintReport
+from fabcraft.errors import InputError
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.raster import silhouette_mask
+from fabcraft.guidance.drawing import Drawing
+from fabcraft.guidance.edges import understand
+from fabcraft.guidance.inflate import Relief, inflate, solid_mask
+from fabcraft.guidance.placement import place
+from fabcraft.guidance.target import target_relief
+from fabcraft.mesh import Mesh
+from fabcraft.profile import PrinterProfile, load_profile
+from fabcraft.read.image_file import read_image
+from fabcraft.read.mesh_file import read_mesh
+from fabcraft.recipe import Recipe
+from fabcraft.solid.shell import shell
+from fabcraft.solid.thicken import SolidSettings
+from fabcraft.template.mask import RESTING_MM, mask
+from fabcraft.template.template import Template
+
+if TYPE_CHECKING:
+    from fabcraft.fit.optimize import Design
+
+Tell = Callable[[str, int, int], None]
+"""Progress: called with the name of the stage, the step done and the number of steps."""
+
+DEFAULT_WALL_MM = 2.4
+CELLS_MM = {"draft": 0.6, "standard": 0.45}
+PENETRATION_MM = 0.05
+"""The promise: nothing of the object is deeper than this in the body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What came out of a recipe."""
+
+    object: Mesh
+    """The closed object, mm, where it is worn."""
+    report: PrintReport
+    recipe: Recipe
+    body: Body
+    template: Template
+    design: "Design"
+    profile: PrinterProfile
+    drawing: Drawing | None
+    """What was understood of the sketch."""
+    inspection: Inspection
+    clearance_mm: np.ndarray
+    """(V,) signed distance of the object's vertices to the body."""
+    interrupted: bool
+    """The fit was stopped early; the best so far was used."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    """Seconds of every stage, in order."""
+
+    seconds: dict[str, float]
+    tell: Tell | None
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        if self.tell is not None:
+            self.tell(name, 0, 1)
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - start
+        if self.tell is not None:
+            self.tell(name, 1, 1)
+
+
+def find_body(name: str, units: str = "") -> Body:
+    """The body called `name`, or the head scan in that file.
+
+    Raises `InputError` when there is neither.
+    """
+    path = Path(name)
+    if name in PRESETS:
+        return human(name)
+    if path.suffix or path.exists():
+        from fabcraft.body.scan import scan
+
+        return scan(path, units or None)
+    return human(name)
+
+
+def make(recipe: Recipe, tell: Tell | None = None) -> Made:
+    """Run the recipe, without writing anything.
+
+    Ctrl-C during the fit keeps the best so far and goes on; see `Made.interrupted`.
+    Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
+    """
+    if bool(recipe.sketch) == bool(recipe.guidance):
+        given = "both a sketch and a guidance mesh" if recipe.sketch else "neither a sketch nor a guidance mesh"
+        raise InputError(f"{given} was given; one of them was expected", "Give --sketch FILE or --guidance MESH.")
+    clock = _Clock({}, tell)
+    with clock.stage("read"):
+        profile = load_profile(recipe.printer)
+        picture = read_image(recipe.sketch) if recipe.sketch else None
+        goal = read_mesh(Path(recipe.guidance)) if recipe.guidance else None
+    with clock.stage("body"):
+        body = find_body(recipe.body, recipe.body_units)
+        template = mask(body, recipe.wall_mm or max(DEFAULT_WALL_MM, profile.wall_mm))
+        distance = SurfaceDistance(template.body.mesh)
+    with clock.stage("guidance"):
+        drawing, relief, route, notes = _guidance(recipe, picture, goal, template)
+    with clock.stage("fit"):
+        design = _fit(recipe, template, relief, distance, tell)
+    with clock.stage("solid"):
+        settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template.wall_mm))
+        solid = shell(design.mesh, template, relief, distance, settings)
+    with clock.stage("check"):
+        inspection = inspect_mesh(replace(solid.mesh, name=recipe.title or template.name), profile, worn=_worn(template, distance))
+        clearance = distance.signed(solid.mesh.vertices)
+    from fabcraft.fit.descend import Stop
+
+    interrupted = design.stopped is Stop.INTERRUPTED
+    findings = [Finding(check="input", severity="warn" if warn else "note", advice=text) for warn, text in notes]
+    findings += [Finding(check="body", severity="note", advice=text) for text in body.notes]
+    findings += [Finding(check="solid", severity="note", advice=text + ".") for text in solid.notes]
+    if interrupted or design.stopped is Stop.NOT_FINITE:
+        findings.append(Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}."))
+    found = inspection.report
+    report = PrintReport(
+        findings=(*found.findings, *findings),
+        route=(*route, f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm"),
+        metrics={**found.metrics, **_likeness(solid.mesh, design), "clearance_slack_mm": solid.numbers["clearance_slack_mm"]},
+        seconds={**clock.seconds, **{f"check.{name}": value for name, value in found.seconds.items()}},
+        peak_memory_bytes=found.peak_memory_bytes,
+    )
+    inspection = replace(inspection, report=report)
+    return Made(
+        solid.mesh, report, recipe, body, template, design, profile, drawing, inspection, clearance, interrupted
+    )
+
+
+def _cell(preset: str, wall_mm: float) -> float:
+    return min(CELLS_MM[preset], 0.5 * wall_mm)
+
+
+def _guidance(
+    recipe: Recipe, picture: np.ndarray | None, goal: Mesh | None, template: Template
+) -> tuple[Drawing | None, Relief, tuple[str, ...], list[tuple[bool, str]]]:
+    """(drawing, relief, route, notes); a note is (whether it is a warning, sentence)."""
+    if goal is not None:
+        relief, said = target_relief(goal, template, recipe.placement)
+        return None, relief, (f"guidance mesh {Path(recipe.guidance).name}",), [(False, text) for text in said]
+    assert picture is not None
+    drawing = understand(picture)
+    placed = place(drawing, template, recipe.placement)
+    relief = inflate(placed, template, recipe.inflate)
+    width, height = np.ptp(placed.outline, axis=0)
+    route = (
+        f"sketch {Path(recipe.sketch).name}: outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, "
+        f"{len(drawing.strokes)} strokes",
+        f"placed by the {'drawn eyes' if placed.by_eyes else 'drawn outline'}: {width:.0f} x {height:.0f} mm",
+        "inflated to a relief",
+    )
+    notes = [(True, text) for text in drawing.warnings]
+    notes += [(False, f"Left out of the drawing: {text}.") for text in drawing.dropped]
+    return drawing, relief, route, notes + [(False, text) for text in placed.notes]
+
+
+def _fit(recipe: Recipe, template: Template, relief: Relief, distance: SurfaceDistance, tell: Tell | None) -> "Design":
+    from fabcraft.fit.optimize import PRESETS as FIT_PRESETS
+    from fabcraft.fit.optimize import fit
+
+    settings = replace(FIT_PRESETS[recipe.preset], seed=recipe.seed)
+
+    def watch(stage: str, step: int, steps: int, sheet: Mesh) -> None:
+        if tell is not None:
+            tell(f"fit: {stage}", step, steps)
+
+    return fit(template, relief, settings, distance, watch)
+
+
+def _worn(template: Template, distance: SurfaceDistance) -> Worn:
+    """What the object promises on its body: every contact within a millimetre, no penetration, the eyes free."""
+    head = template.body
+    contacts = np.concatenate([head.mesh.vertices[head.regions[name].vertex_indices] for name in template.contacts])
+    return Worn(
+        body=distance,
+        clearance_mm=0.0,
+        penetration_limit_mm=PENETRATION_MM,
+        contacts=contacts,
+        gaps_mm=RESTING_MM,
+        donning=template.donning,
+        eyes=np.stack([head.landmarks["eye_right"], head.landmarks["eye_left"]]),
+    )
+
+
+def _likeness(solid: Mesh, design: "Design") -> dict[str, float]:
+    """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
+    relief, half = design.relief, 0.5 * design.template.wall_mm
+    plane = Plane.around(np.vstack([relief.outline, design.template.outline, solid.vertices[:, [0, 2]]]), 0.25, 4.0)
+    wanted = solid_mask(relief.outline, relief.openings, plane)
+
+    def overlap(mesh: Mesh, grown_mm: float) -> float:
+        pixels = plane.to_pixels(mesh.vertices[:, [0, 2]])
+        seen = silhouette_mask(pixels, mesh.faces, plane.width, plane.height) >= 0.5
+        if grown_mm > 0.0:  # a wall around a sheet adds half its thickness to the silhouette
+            seen |= distance_transform_edt(~seen) * plane.pixel_mm <= grown_mm
+        return float((seen & wanted).sum() / (seen | wanted).sum())
+
+    return {
+        "silhouette_iou": overlap(solid, 0.0),
+        "silhouette_iou_before": overlap(design.template.mesh, half),
+        "silhouette_iou_direct": overlap(design.direct, half),
+    }

@@ -1,0 +1,136 @@
+"""`Recipe`: everything that decides one object, as flags, a TOML file or Python fill it.
+
+Paths inside a recipe file are relative to that file, except `output`, which is relative to where the command runs.
+Unknown keys are refused, so a misspelt one is never silently ignored.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from fabcraft.errors import InputError
+from fabcraft.guidance.inflate import InflateSettings
+from fabcraft.guidance.placement import PlacementSettings
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One object: what it is, what it looks like, who wears it and what prints it."""
+
+    template: Literal["mask"] = "mask"
+    """Kind of wearable."""
+    sketch: str = ""
+    """Picture of a line drawing: PNG, JPEG or WebP."""
+    guidance: str = ""
+    """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    body: str = "man"
+    """Who wears it: man, woman, child, or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
+    body_units: Literal["", "mm", "cm", "m", "in"] = ""
+    """Unit of a scan; proposed from its size when left out."""
+    printer: str = "prusa-mk4"
+    """Printer profile: a name from `fabcraft printers`, or a TOML file."""
+    output: tuple[str, ...] = ()
+    """Files to write; the extension chooses the format: .3mf, .stl, .glb or .ply. The report, the page and the pictures
+    go beside the first."""
+    preset: Literal["draft", "standard"] = "standard"
+    """How patiently to fit and how finely to build."""
+    seed: int = 0
+    """Of everything random."""
+    wall_mm: float = 0.0
+    """Wall thickness; 0 is the template's own, or the printer's if that is more."""
+    title: str = ""
+    """What slicers and the page call it; the output's name when left out."""
+    pictures: bool = True
+    """Also write the page, the report and the pictures."""
+    placement: PlacementSettings = field(default_factory=PlacementSettings)
+    inflate: InflateSettings = field(default_factory=InflateSettings)
+
+    def __post_init__(self) -> None:
+        if self.wall_mm and not 0.2 <= self.wall_mm <= 20.0:
+            raise InputError(f"a wall of {self.wall_mm} mm was asked", "Choose between 0.2 and 20 mm.")
+
+
+def read_recipe(path: Path | str) -> Recipe:
+    """The recipe in a TOML file.
+
+    Raises `InputError` for a file that cannot be read, an unknown key, or a value of the wrong kind.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > 1_000_000:
+            raise InputError(f"{path} is {path.stat().st_size:,} bytes; a recipe has a few hundred", "Check the path.")
+        table = tomllib.loads(path.read_text("utf-8"))
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; a recipe file was expected", "Give a .toml file.") from None
+    except FileNotFoundError:
+        raise InputError(f"there is no recipe {path}", "Check the path.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not text; a recipe in TOML was expected", "Give a .toml file.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}", "Check the path and its permissions.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not valid TOML: {error}", "Mend the line named.") from None
+    recipe = recipe_of(table, str(path))
+    beside = {
+        name: str(path.parent / getattr(recipe, name))
+        for name in ("sketch", "guidance", "body", "printer")
+        if getattr(recipe, name) and (path.parent / getattr(recipe, name)).is_file()
+    }
+    return replace(recipe, **beside)
+
+
+def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:
+    """A recipe from nested plain values.  Raises `InputError` naming the key that does not fit."""
+    refuse_unknown(Recipe, table, source)
+    if isinstance(table.get("output"), str):
+        table = {**table, "output": [table["output"]]}
+    try:
+        return msgspec.convert(dict(table), Recipe)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {error}", "Mend that value; `fabcraft make --help` tells what each one takes.") from None
+
+
+def refuse_unknown(kind: type, table: Mapping[str, Any], source: str, prefix: str = "") -> None:
+    """Raise `InputError` for a key of `table` that the dataclass has not, with the nearest one that it has."""
+    known = {entry.name: entry for entry in fields(kind)}
+    for key, value in table.items():
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"Did you mean {prefix}{close[0]}?" if close else f"Known: {', '.join(known)}."
+            raise InputError(f"{source}: unknown key {prefix}{key}", hint)
+        factory = known[key].default_factory
+        if factory is not MISSING and is_dataclass(factory) and isinstance(value, Mapping):
+            refuse_unknown(factory, value, source, f"{prefix}{key}.")  # type: ignore[arg-type]
+
+
+def recipe_toml(recipe: Recipe) -> str:
+    """The recipe as TOML, only what differs from the defaults; file names without their folders."""
+
+    def text(value: Any) -> str:
+        if isinstance(value, bool):
+            return "true" if value else "false"
+        if isinstance(value, tuple):
+            return "[" + ", ".join(text(one) for one in value) + "]"
+        return msgspec.json.encode(value).decode()  # a JSON string or number is a TOML one
+
+    lines, tables = [], []
+    for entry in fields(recipe):
+        value = getattr(recipe, entry.name)
+        if is_dataclass(value):
+            inner = [
+                f"{one.name} = {text(getattr(value, one.name))}" for one in fields(value) if getattr(value, one.name) != one.default
+            ]
+            if inner:
+                tables += ["", f"[{entry.name}]", *inner]
+        elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
+            if entry.name in ("sketch", "guidance", "body", "printer"):
+                value = Path(value).name  # a recipe that travels must not tell where a user keeps their files
+            if entry.name == "output":
+                value = tuple(Path(one).name for one in value)
+            lines.append(f"{entry.name} = {text(value)}")
+    return "\n".join(lines + tables) + "\n"

@@ -1,0 +1,251 @@
+"""From a surface to an object: closed, manifold, as thick as the wall asks, clear of the body.
+
+1. clean the surface, 2. take it apart into solids and sheets, 3. find where solids are too thin, 4. make
+a medial surface of thin spots and sheets, 5. push it clear of the body, 6. evaluate the field of the
+wall near its surface, 7. marching cubes, union with the untouched solids, simplify, drop specks, 8.
+verify.
+
+Only sheets and thin spots are made anew. A solid that is thick enough, clear of the body and sound
+passes through exactly, with all its detail; one that crosses itself or has gaps is rebuilt from its
+winding number.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import manifold3d
+import numpy as np
+
+from fabcraft.errors import InputError, SolidError
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
+from fabcraft.mesh import Mesh
+from fabcraft.solid.carve import carve, clearance_min_mm
+from fabcraft.solid.crossing import self_intersecting_faces
+from fabcraft.solid.edges import split_edges
+from fabcraft.solid.manifolds import part_count, to_manifold, to_mesh, try_manifold, union, without_specks
+from fabcraft.solid.patches import Kind, Piece, pieces
+from fabcraft.solid.repair import clean, repair
+from fabcraft.solid.sheet import KeepOut, PerPoint, SheetSide, WallField, make_sheet, wall_band
+from fabcraft.solid.simplify import simplify_manifold
+from fabcraft.solid.thin import thin_medial
+
+_MOST_NODES = 120e6
+_FINEST_MM = 0.05
+_REFINED_MM = 4.0
+
+
+@dataclass(frozen=True)
+class SolidSettings:
+    """How a surface becomes an object."""
+
+    wall_mm: float = 1.2
+    """Thickness of the wall given to sheets, and least thickness of solids."""
+    clearance_mm: float = 0.5
+    """Distance kept from the body, when there is one."""
+    cell_mm: float | None = None
+    """Side of a grid cell; a third of the wall unless given, more where the grid would not fit in memory."""
+    simplify_mm: float = 0.02
+    """How far the surface may move when triangles are merged; 0 keeps every triangle."""
+    minimum_part_mm3: float | None = None
+    """Bodies and voids below this volume are dropped; a ball of 0.9 times the wall unless given."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.wall_mm < 100:
+            raise InputError(f"the wall is {self.wall_mm} mm; expected 0 to 100", "Give millimetres.")
+        if self.clearance_mm < 0 or self.simplify_mm < 0 or (self.minimum_part_mm3 or 0) < 0:
+            raise InputError("clearance, simplify and minimum part must not be negative", "Give 0 or more.")
+        if self.cell_mm is not None and not _FINEST_MM <= self.cell_mm <= 0.5 * self.wall_mm:
+            raise InputError(
+                f"cells of {self.cell_mm:g} mm cannot show a wall of {self.wall_mm:g} mm",
+                f"Give {_FINEST_MM} to {0.5 * self.wall_mm:g} mm, or leave it out.",
+            )
+
+    @property
+    def speck_mm3(self) -> float:
+        """Volume below which a body is dropped, mm³."""
+        if self.minimum_part_mm3 is not None:
+            return self.minimum_part_mm3
+        return 4 / 3 * np.pi * (0.45 * self.wall_mm) ** 3
+
+    def cell_for(self, bounds: np.ndarray) -> float:
+        """The cell for an object of these bounds, mm.  Raises `SolidError` when none shows the wall."""
+        if self.cell_mm is not None:
+            return self.cell_mm
+        room = np.prod(bounds[1] - bounds[0] + 4 * self.wall_mm)
+        cell = max(self.wall_mm / 3, float((room / _MOST_NODES) ** (1 / 3)), _FINEST_MM)
+        if cell > 0.5 * self.wall_mm:
+            size = " x ".join(f"{side:.0f}" for side in bounds[1] - bounds[0])
+            raise SolidError(
+                f"a wall of {self.wall_mm:g} mm is too fine for an object of {size} mm",
+                f"Use a wall of {2 * cell:.1f} mm or more, or check the unit of the input.",
+            )
+        return cell
+
+
+@dataclass(frozen=True, eq=False)
+class SolidResult:
+    """A closed manifold and how it came about."""
+
+    mesh: Mesh
+    notes: tuple[str, ...]
+    """What a user should know, in sentences."""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    """Measured: parts, genus, volume_mm3, self_intersections, cell_mm, simplify_mm, sheets, solids, specks,
+    pushed_mm, thin_area_mm2, and with a body clearance_slack_mm (least distance less the clearance)."""
+
+
+def solidify(
+    surface: Mesh,
+    settings: SolidSettings,
+    body: SurfaceDistance | None = None,
+    side: SheetSide | None = None,
+    clearance_mm: float | PerPoint | None = None,
+) -> SolidResult:
+    """The surface as an object of at least the wall's thickness, at the clearance from the body.
+
+    side : material added to the sheets on one side, by place (a designed sheet: it is cleaned, not repaired).
+    clearance_mm : instead of the settings' clearance, a number or a function of points (N, 3) to (N,) mm.
+    Raises `SolidError` when no closed manifold comes out, `InputError` for settings out of range.
+    """
+    cleaned = clean(surface) if side else repair(surface)
+    keep = _keep_out(settings, body, clearance_mm)
+    work = _Work(settings, settings.cell_for(cleaned.mesh.bounds), keep, side or SheetSide())
+    parts = pieces(cleaned.mesh, settings.wall_mm)
+    made = [work.sheet(piece.mesh) if piece.kind is Kind.SHEET else work.solid(piece) for piece in parts]
+    kept = [solid for solid in made if solid is not None]
+    if not kept:
+        raise SolidError(
+            f"nothing of {surface.name or 'the surface'} is left as a solid",
+            "The body fills it, or it encloses no volume; check the input and its place on the body.",
+        )
+    whole, specks = without_specks(union(kept), settings.speck_mm3)
+    mesh, tolerance = simplify_manifold(whole, settings.simplify_mm, surface.name)
+    notes = [*cleaned.notes, *work.notes]
+    if specks:
+        notes.append(f"{specks} bodies or voids below {settings.speck_mm3:.2g} mm³ dropped")
+    numbers = {
+        **work.numbers,
+        "sheets": float(sum(piece.kind is Kind.SHEET for piece in parts)),
+        "solids": float(sum(piece.kind is not Kind.SHEET for piece in parts)),
+        "specks": float(specks),
+        "simplify_mm": tolerance,
+    }
+    return SolidResult(mesh, tuple(notes), numbers | _verified(mesh, keep, settings.simplify_mm))
+
+
+def _keep_out(
+    settings: SolidSettings, body: SurfaceDistance | None, clearance_mm: float | PerPoint | None
+) -> KeepOut | None:
+    """The body with its clearance, enlarged by what simplification may take from it."""
+    if body is None:
+        return None
+    wanted = settings.clearance_mm if clearance_mm is None else clearance_mm
+    spare = settings.simplify_mm
+    if callable(wanted):
+        return KeepOut(body, lambda points: wanted(points) + spare)
+    return KeepOut(body, lambda points: np.full(len(points), wanted + spare))
+
+
+def _verified(mesh: Mesh, keep: KeepOut | None, spare_mm: float) -> dict[str, float]:
+    """What holds of the result, measured on it.  Raises `SolidError` when it is not a closed manifold."""
+    solid = to_manifold(mesh)
+    numbers = {
+        "parts": float(part_count(solid)),
+        "genus": float(sum(body.genus() for body in solid.decompose())),
+        "volume_mm3": mesh.volume_mm3,
+        "self_intersections": float(len(self_intersecting_faces(mesh))),
+    }
+    if keep is not None:
+        numbers["clearance_slack_mm"] = clearance_min_mm(mesh, keep) + spare_mm
+    return numbers
+
+
+class _Work:
+    """One run: its settings, and the notes and numbers that come up on the way."""
+
+    def __init__(
+        self, settings: SolidSettings, cell_mm: float, keep: KeepOut | None, side: SheetSide
+    ) -> None:
+        self.settings, self.cell_mm, self.keep, self.side = settings, cell_mm, keep, side
+        self.notes: list[str] = []
+        self.numbers: dict[str, float] = {"cell_mm": cell_mm, "pushed_mm": 0.0, "thin_area_mm2": 0.0}
+
+    def sheet(self, surface: Mesh) -> manifold3d.Manifold | None:
+        """A wall around a sheet."""
+        return self._wall(surface, self.side)
+
+    def solid(self, piece: Piece) -> manifold3d.Manifold | None:
+        """A solid made sound, carved clear of the body, thickened where it is thin."""
+        exact = try_manifold(piece.mesh) if piece.kind is Kind.SOLID else None
+        sound = exact is not None and len(self_intersecting_faces(piece.mesh)) == 0
+        solid = exact if sound else self._rebuilt(piece.mesh)
+        assert solid is not None
+        carved = self.keep is not None and clearance_min_mm(to_mesh(solid), self.keep) < 0
+        if carved and self.keep is not None:
+            solid = carve(solid, self.keep, self.cell_mm)
+            self.notes.append("material nearer to the body than the clearance was carved away")
+            if solid.is_empty():
+                return None
+        medial = self._thin(to_mesh(solid)) if sound or carved else None
+        if medial is None:
+            return solid
+        thick = self._wall(medial, SheetSide())
+        if thick is None:
+            return solid
+        # Short edges first, or the union fans long slivers from the seam to the far corners of flat sides.
+        return union([solid.refine_to_length(_REFINED_MM), thick])
+
+    def _thin(self, mesh: Mesh) -> Mesh | None:
+        """The medial triangles of what is thinner than the wall, and a note of it."""
+        medial, area = thin_medial(mesh, self.settings.wall_mm)
+        if medial is not None:
+            self.numbers["thin_area_mm2"] += area
+            self.notes.append(f"{area:.0f} mm² thinner than {self.settings.wall_mm:g} mm thickened")
+        return medial
+
+    def _rebuilt(self, surface: Mesh) -> manifold3d.Manifold:
+        """The inside by winding number, and the wall of its thin spots, in one field.
+
+        One field, because a wall thinner than a cell, made first, would come out of the grid in rags.
+        """
+        self.notes.append("a part with gaps or faces through each other was rebuilt on the grid")
+        inside = SurfaceDistance(surface)
+        half = 0.5 * self.settings.wall_mm
+        medial = self._thin(surface)
+        sheet = None if medial is None else make_sheet(medial, half, self.keep)
+        thin = None if sheet is None else WallField(sheet, half, SheetSide(), self.keep)
+
+        def field(points: np.ndarray) -> np.ndarray:
+            signed = inside.signed(points)
+            return signed if thin is None else np.minimum(signed, thin(points))
+
+        bounds = (
+            surface.bounds
+            if sheet is None
+            else np.stack(
+                [
+                    np.minimum(surface.bounds[0], sheet.mesh.bounds[0] - half),
+                    np.maximum(surface.bounds[1], sheet.mesh.bounds[1] + half),
+                ]
+            )
+        )
+        grid = Grid.around(bounds, self.cell_mm, 2 * self.cell_mm)
+        marked = np.zeros(grid.shape, bool)
+        # Long slivers first cut short: samples are even along the longest edge of a face.
+        points = samples(split_edges(surface, 5.0).corners, self.cell_mm)[0]
+        grid.near(points, 1.8 * self.cell_mm, marked)
+        if sheet is not None:
+            points = samples(sheet.mesh.corners, self.cell_mm)[0]
+            grid.near(points, half + 1.8 * self.cell_mm, marked)
+        return to_manifold(isosurface(grid, narrow_band(grid, marked, field), surface.name))
+
+    def _wall(self, surface: Mesh, side: SheetSide) -> manifold3d.Manifold | None:
+        half = 0.5 * self.settings.wall_mm
+        sheet = make_sheet(surface, half, self.keep)
+        self.numbers["pushed_mm"] = max(self.numbers["pushed_mm"], sheet.pushed_mm)
+        grid, marked = wall_band(sheet, half, side, self.cell_mm)
+        volume = narrow_band(grid, marked, WallField(sheet, half, side, self.keep))
+        if not (volume < 0).any():
+            return None
+        return to_manifold(isosurface(grid, volume, surface.name))

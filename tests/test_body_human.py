@@ -1,0 +1,137 @@
+"""The baked people: closed skins, landmarks where anatomy has them, measures of the published tables."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from fabcraft.body.human import PRESETS, human
+from fabcraft.body.measures import head_measures
+from fabcraft.body.region import HEAD_RULES
+from fabcraft.errors import InputError
+
+ANSUR = {
+    "man": {"head_circumference": 574, "bizygomatic": 143, "menton_sellion": 123, "interpupillary": 64.0},
+    "woman": {"head_circumference": 561, "bizygomatic": 134, "menton_sellion": 113, "interpupillary": 61.7},
+}
+
+
+@pytest.fixture(scope="module")
+def people():
+    return {name: human(name) for name in PRESETS}
+
+
+@pytest.fixture(scope="module")
+def heads(people):
+    return {name: body.part("head") for name, body in people.items()}
+
+
+def assert_sphere_like(mesh):
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert solid.euler_number == 2
+    assert solid.body_count == 1
+    assert mesh.volume_mm3 > 0
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_skin_is_one_closed_surface_of_genus_zero(people, name):
+    mesh = people[name].mesh
+    assert (len(mesh.vertices), len(mesh.faces)) == (12_411, 24_818)
+    assert_sphere_like(mesh)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_head_is_closed_fine_and_cut_level_below_the_neck(heads, people, name):
+    head = heads[name]
+    assert_sphere_like(head.mesh)
+    assert len(head.mesh.faces) <= 40_000
+    assert head.mesh.bounds[0, 2] == pytest.approx(people[name].joints["neck_root"][2] - 60)
+    face = head.regions["nose_tip"].vertex_indices
+    edges = trimesh.Trimesh(head.mesh.vertices, head.mesh.faces, process=False).edges_unique
+    near = edges[np.isin(edges, face).any(1)]
+    lengths = np.linalg.norm(head.mesh.vertices[near[:, 0]] - head.mesh.vertices[near[:, 1]], axis=1)
+    assert lengths.mean() < 3.0
+
+
+@pytest.mark.parametrize("name", sorted(ANSUR))
+def test_heads_have_the_medians_of_ansur(heads, name):
+    measures = head_measures(heads[name])
+    for key, goal in ANSUR[name].items():
+        assert measures[key] == pytest.approx(goal, abs=1.5), key
+
+
+def test_statures_are_those_asked_for(people):
+    statures = {name: np.ptp(body.mesh.vertices[:, 2]) for name, body in people.items()}
+    assert statures == pytest.approx({"man": 1756, "woman": 1629, "child": 1330}, abs=5)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_landmarks_stand_where_anatomy_has_them(heads, name):
+    at = heads[name].landmarks
+    down = ["vertex", "glabella", "sellion", "pronasale", "stomion", "menton"]
+    assert (np.diff([at[key][2] for key in down]) < 0).all()
+    assert all(abs(at[key][0]) < 0.5 for key in [*down, "opisthocranion"])
+    assert at["pronasale"][1] == min(point[1] for point in at.values())  # the nose leads
+    assert at["opisthocranion"][1] == max(point[1] for point in at.values())
+    for key in ("eye", "ear_tip", "tragion", "zygion", "cheilion", "ear_root_top"):
+        left, right = at[f"{key}_left"], at[f"{key}_right"]
+        assert left[0] > 15
+        assert left == pytest.approx(right * [-1, 1, 1], abs=0.5)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_regions_lie_round_their_landmarks(heads, name):
+    head = heads[name]
+    assert set(head.regions) == set(HEAD_RULES)
+    nearby = {"nose_bridge": "sellion", "nose_tip": "pronasale", "lips": "stomion", "eye_left": "eye_left"}
+    for region, landmark in nearby.items():
+        middle = head.mesh.vertices[head.regions[region].vertex_indices].mean(0)
+        assert np.linalg.norm((middle - head.landmarks[landmark])[[0, 2]]) < 12, region
+    for side in ("left", "right"):
+        lid = head.mesh.vertices[head.regions[f"eye_{side}"].vertex_indices]
+        assert np.ptp(lid[:, 0]) > 30  # the whole opening with both corners
+    for region in head.regions.values():
+        assert len(region.vertex_indices) >= 15, region.name
+        side = np.sign(head.mesh.vertices[region.vertex_indices, 0])
+        if region.name.endswith(("_left", "_right")):
+            assert (side == (1 if region.name.endswith("_left") else -1)).all()
+
+
+def test_landmarks_of_the_head_lie_on_its_smoothed_skin(heads):
+    head = heads["man"]
+    for key, point in head.landmarks.items():
+        if key not in ("eye_left", "eye_right"):
+            assert np.linalg.norm(head.mesh.vertices - point, axis=1).min() < 1e-6, key
+
+
+def test_the_presets_differ(people):
+    circumferences = [head_measures(people[name])["head_circumference"] for name in PRESETS]
+    assert circumferences == sorted(circumferences, reverse=True)
+    assert circumferences[0] - circumferences[2] > 50
+
+
+def test_a_person_is_the_same_every_time(people):
+    again = human("woman")
+    assert again.mesh.vertices.tobytes() == people["woman"].mesh.vertices.tobytes()
+    assert again.part("head").mesh.vertices.tobytes() == people["woman"].part("head").mesh.vertices.tobytes()
+
+
+def test_an_unknown_body_names_the_choices():
+    with pytest.raises(InputError, match=r"man, woman, child; or give the path"):
+        human("giant")
+
+
+def test_an_unknown_part_names_the_choices(people):
+    with pytest.raises(InputError, match="Parts: head"):
+        people["man"].part("tail")
+
+
+def test_a_body_is_read_only(people):
+    body = people["man"]
+    with pytest.raises(ValueError, match="read-only"):
+        body.landmarks["sellion"][0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        body.regions["lips"].vertex_indices[0] = 1
+    with pytest.raises(TypeError):
+        body.regions["new"] = body.regions["lips"]  # type: ignore[index]
