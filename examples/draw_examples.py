@@ -1,9 +1,11 @@
-"""Draw the example sketches as a hand would: uneven wobbling lines, gaps, overshoots, pencil grain, tinted paper.
+"""Draw the example sketches as a hand would: uneven wobbling lines, gaps, overshoots, pencil grain, tinted
+paper.
 
     python examples/draw_examples.py [FOLDER]
 
-Seeded, so the same pictures come out every time. Each mask covers a face: as wide as it is high (ears extra), eyes
-half way down, their centres 0.42-0.48 of the width apart, each about a fifth of the width. Pixels, y down.
+Seeded, so the same pictures come out every time. Each mask covers a face: as wide as it is high (ears extra),
+eyes half way down, their centres 0.42-0.48 of the width apart, each about a fifth of the width. Pixels, y
+down.
 """
 
 import sys
@@ -70,7 +72,9 @@ class Sheet:
         return knots[low] * (1 - smooth) + knots[low + 1] * smooth
 
     def line(self, points, width=1.0, dark=0.86, closed=False, overshoot=0.0, skip=0.0, taper=0.25):
-        """One stroke.  `overshoot`: pixels past its end; `skip`: pixels left out at its end; `taper`: lift of the pen."""
+        """One stroke.  `overshoot`: pixels past its end; `skip`: pixels left out at its end; `taper`: lift
+        of the pen.
+        """
         p = curve(points, closed)
         if closed:  # a hand never meets its start exactly
             p = np.vstack([p, p[1 : 1 + max(1, int(overshoot / 2))]])
@@ -142,7 +146,9 @@ class Sheet:
 
 
 def cat():
-    """Ears, almond eyes, nose, mouth, six whiskers that cross the rim, tabby marks; gaps under the chin and at an ear."""
+    """Ears, almond eyes, nose, mouth, six whiskers that cross the rim, tabby marks; gaps under the chin and
+    at an ear.
+    """
     s = Sheet(1000, 1000, seed=11, ink=(52, 50, 58), pen=11)
     cheek = [(864, 404), (893, 520), (898, 630), (868, 745), (790, 842), (660, 900), (508, 916)]
     s.line(cheek)
@@ -213,6 +219,12 @@ def bunny():
         closed=True,
         overshoot=10,
     )
+    bunny_face(s)
+    return s.picture()
+
+
+def bunny_face(s):
+    """Pupils, nose, smile, two teeth, freckles and brows."""
     for pupil in pair([(662, 764), (690, 786), (680, 822), (646, 824), (634, 788)]):
         s.hatch(pupil)
     nose = [(450, 908), (500, 896), (550, 908), (532, 940), (500, 956), (468, 940)]
@@ -225,11 +237,12 @@ def bunny():
     for x, y in ((690, 930), (728, 952), (694, 976)):
         s.both([(x - 4, y), (x + 6, y + 4), (x + 2, y + 8)], width=1.15)
     s.both([(600, 676), (650, 652), (706, 664)], width=0.8)
-    return s.picture()
 
 
 def crown():
-    """A half mask without eyes: a crown with five points above a jewelled band that dips to the brow; golden brown."""
+    """A half mask without eyes: a crown with five points above a jewelled band that dips to the brow;
+    golden brown.
+    """
     s = Sheet(1000, 860, seed=8, ink=(136, 84, 28), paper=(254, 251, 244), pen=12)
     s.both([(104, 640), (84, 500), (68, 330), (62, 196)], overshoot=2)
     s.both([(62, 200), (138, 300), (214, 404)], overshoot=4)
@@ -249,13 +262,14 @@ def crown():
     s.both([(276, 306), (296, 360), (292, 396), (270, 410), (250, 392), (252, 354)], closed=True, overshoot=6)
     for x, y in ((110, 400), (150, 440)):
         s.both([(x - 7, y), (x + 2, y - 8), (x + 8, y + 1), (x, y + 8)], closed=True, width=1.1)
-    for x in (386, 440, 560, 614):
-        s.line([(x, 504), (x + 1, 546)], width=0.8)
+    for x, y in ((404, 530), (318, 516)):
+        for pearl in pair(ring((x, y), 13, 13)):
+            s.line(pearl, closed=True, width=0.8, overshoot=4)
     return s.picture()
 
 
 def butterfly():
-    """Two pairs of wings with eye holes and pattern loops, a body, feelers that stick out; violet felt pen."""
+    """Two pairs of wings with eye holes and pattern loops, a body, feelers that stick out; violet felt."""
     s = Sheet(1000, 900, seed=21, ink=(104, 48, 132), paper=(253, 251, 249), pen=12)
     upper = [
         (508, 236),
@@ -276,6 +290,12 @@ def butterfly():
     s.both([(512, 232), (540, 160), (588, 84), (640, 40), (668, 52)], width=0.7, taper=0.4)
     s.both([(624, 432), (660, 378), (716, 358), (770, 372), (806, 408)], overshoot=3)
     s.both([(806, 406), (780, 456), (724, 480), (668, 470), (622, 432)], overshoot=3)
+    butterfly_pattern(s)
+    return s.picture()
+
+
+def butterfly_pattern(s):
+    """Loops on the wings and marks on the body."""
     s.both(
         [(700, 190), (762, 148), (836, 146), (862, 196), (820, 254), (744, 270), (700, 240)],
         closed=True,
@@ -300,7 +320,6 @@ def butterfly():
     s.both([(610, 560), (640, 590), (630, 640), (600, 640), (588, 596)], closed=True, width=0.8, overshoot=5)
     for y in (330, 400, 470):
         s.line([(478, y), (500, y + 10), (522, y)], width=0.7)
-    return s.picture()
 
 
 def owl():
@@ -373,7 +392,9 @@ def fox():
 
 
 def photo(picture, seed=2):
-    """The drawing photographed by hand: turned a little, lit from one side, a soft shadow, blur, the sensor's noise."""
+    """The drawing photographed by hand: turned a little, lit from one side, a soft shadow, blur, the
+    sensor's noise.
+    """
     rng = np.random.default_rng(seed)
     rows, cols = picture.shape[:2]
     turn = cv2.getRotationMatrix2D((cols / 2, rows / 2), 2.5, 1.02)

@@ -31,7 +31,8 @@ from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe
-from fabcraft.solid.shell import shell
+from fabcraft.solid.shell import PAD_ROOM_MM, shell
+from fabcraft.solid.slots import strap_slots
 from fabcraft.solid.thicken import SolidSettings
 from fabcraft.template.mask import RESTING_MM, mask
 from fabcraft.template.template import Template
@@ -126,9 +127,12 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         design = _fit(recipe, template, relief, distance, tell)
     with clock.stage("solid"):
         settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template.wall_mm))
-        solid = shell(design.mesh, template, relief, distance, settings)
+        slots = strap_slots(template, relief) if recipe.strap_slots else ()
+        if recipe.strap_slots and not slots:
+            notes.append((True, "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."))
+        solid = shell(design.mesh, template, relief, distance, settings, slots)
     with clock.stage("check"):
-        inspection = inspect_mesh(replace(solid.mesh, name=recipe.title or template.name), profile, worn=_worn(template, distance))
+        inspection = inspect_mesh(replace(solid.mesh, name=recipe.title or template.name), profile, worn=_worn(template, relief, distance))
         clearance = distance.signed(solid.mesh.vertices)
     from fabcraft.fit.descend import Stop
 
@@ -192,10 +196,13 @@ def _fit(recipe: Recipe, template: Template, relief: Relief, distance: SurfaceDi
     return fit(template, relief, settings, distance, watch)
 
 
-def _worn(template: Template, distance: SurfaceDistance) -> Worn:
-    """What the object promises on its body: every contact within a millimetre, no penetration, the eyes free."""
+def _worn(template: Template, relief: Relief, distance: SurfaceDistance) -> Worn:
+    """What the object promises on its body: the contacts that it covers rest, no penetration, the eyes free."""
     head = template.body
-    contacts = np.concatenate([head.mesh.vertices[head.regions[name].vertex_indices] for name in template.contacts])
+    regions = [head.regions[name].vertex_indices for name in template.contacts]
+    contacts = head.mesh.vertices[np.concatenate(regions)]
+    # the drawn outline decides how much of the face is covered; near a rim the object does not rest
+    contacts = contacts[relief.room_at(contacts[:, [0, 2]]) > PAD_ROOM_MM]
     return Worn(
         body=distance,
         clearance_mm=0.0,

@@ -43,6 +43,8 @@ class Recipe:
     """Of everything random."""
     wall_mm: float = 0.0
     """Wall thickness; 0 is the template's own, or the printer's if that is more."""
+    strap_slots: bool = True
+    """Cut a slot for a band on each side, where there is room."""
     title: str = ""
     """What slicers and the page call it; the output's name when left out."""
     pictures: bool = True

@@ -1,4 +1,6 @@
-"""Clean drawings of known shape for the tests of `fabcraft.guidance`: exact centre lines, inked without wobble."""
+"""Clean drawings of known shape for the tests of `fabcraft.guidance`: exact centre lines, inked without
+wobble.
+"""
 
 import cv2
 import numpy as np
@@ -9,7 +11,7 @@ RADIUS = 320.0
 
 
 def page(lines, size=SIZE, pen=10.0, fills=()):
-    """(H, W, 4) uint8: black lines (list of (points, pen or None)) and filled shapes on white, antialiased."""
+    """(H, W, 4) uint8: black lines (list of (points, pen or None)) and filled shapes on white, smooth."""
     canvas = np.zeros((4 * size, 4 * size), np.uint8)
     for points in fills:
         cv2.fillPoly(canvas, [np.round(np.asarray(points) * 4 * 16 - 8).astype(np.int32)], 255, cv2.LINE_8, 4)

@@ -32,14 +32,21 @@ def test_a_closed_contour_has_no_seam():
 
 def test_a_square_has_four_corners_and_an_ellipse_none():
     square = resample(np.array([[0, 0], [100, 0], [100, 100], [0, 100]], float), 2.0)
-    assert [tuple(p) for p in square[corners(square, 12, 46.0)].round().tolist()] == [(0, 0), (100, 0), (100, 100), (0, 100)]
+    assert [tuple(p) for p in square[corners(square, 12, 46.0)].round().tolist()] == [
+        (0, 0),
+        (100, 0),
+        (100, 100),
+        (0, 100),
+    ]
     assert len(corners(resample(arc((0, 0), 66, 42), 2.0), 11, 46.0)) == 0
 
 
 def test_a_filled_contour_holds_the_pixels_whose_centre_is_inside():
     rng = np.random.default_rng(5)
     t = np.sort(rng.uniform(0, 2 * np.pi, 40))
-    star = np.array([30.0, 26.0]) + (rng.uniform(6, 40, 40) * np.array([np.cos(t), np.sin(t)])).T  # leaves the image
+    star = (
+        np.array([30.0, 26.0]) + (rng.uniform(6, 40, 40) * np.array([np.cos(t), np.sin(t)])).T
+    )  # leaves the image
     centres = np.stack(np.meshgrid(np.arange(60) + 0.5, np.arange(50) + 0.5), 2).reshape(-1, 2)
     assert np.array_equal(fill_contour(star, (50, 60)).ravel(), inside(centres, [star]))
 

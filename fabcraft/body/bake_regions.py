@@ -1,8 +1,8 @@
 """Which vertices of the baked skin make up each region of a head (extra `fabcraft[bake]`).
 
-A region is a geodesic disc round a place (a ball for the eyes), or the support of one of anny's local changes:
-the vertices that it moves by more than a share of the largest displacement.  Distances are along edges of the
-neutral adult.
+A region is a geodesic disc round a place (a ball for the eyes), or the support of a local change of anny,
+the vertices that it moves by more than a share of the largest displacement.  Distances are along edges of
+the neutral adult.
 """
 
 from collections.abc import Callable

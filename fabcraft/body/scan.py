@@ -108,9 +108,7 @@ def _closed(mesh: Mesh, fit: HeadFit) -> tuple[Mesh, tuple[str, ...]]:
         if rim < fit.person.landmarks["menton"][2]:
             floor, notes = rim, ("The open neck was cut level and closed.",)
         else:
-            notes = (
-                "The scan is open above the chin; the opening was bridged, and nothing can rest on the bridge.",
-            )
+            notes = ("The scan is open above the chin; the opening was bridged; nothing can rest there.",)
     closed = cut_above(fan_closed(mesh), floor)
     handles = 1 - (len(closed.vertices) - len(closed.faces) // 2) // 2
     if handles > 0:

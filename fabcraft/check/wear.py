@@ -142,7 +142,9 @@ def measure_donning(
     `poses`: at least 30, denser near the seat, where a brow, a nose or a knuckle stands in the way.
     """
     axis = np.array(direction) / np.linalg.norm(direction)
-    points = np.concatenate([surface_samples(mesh, 6000), mesh.vertices])
+    # one vertex in every cubic millimetre: a path is a matter of millimetres, the seat is measured on all of them
+    _, kept = np.unique(np.round(mesh.vertices).astype(np.int64), axis=0, return_index=True)
+    points = np.concatenate([surface_samples(mesh, 6000), mesh.vertices[np.sort(kept)]])
     travel = float((body.mesh.vertices @ axis).max() - (points @ axis).min()) + _AWAY_MM
     travel = max(travel, _AWAY_MM)
     seat = body.signed(points)

@@ -28,6 +28,10 @@ from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.geometry.triangulate import PlaneMesh, triangulate
 
 
+ROUNDS = 4
+"""The steps are shared out among this many rounds; the sheet may be remeshed between two."""
+
+
 @dataclass(frozen=True)
 class FlatWeights:
     """Weights of the flat stage (optimiser's frame: longest template side = 2)."""
@@ -88,36 +92,44 @@ def fit_flat(
 ) -> FlatFit:
     """Deform `start` (x, z in mm) until its rims are `targets`; a quarter of the steps between remeshings."""
     weights = weights or FlatWeights()
-    scale = 2.0 / float(np.ptp(start.points, axis=0).max())
-    middle = 0.5 * (start.points.min(0) + start.points.max(0))
+    frame = 0.5 * (start.points.min(0) + start.points.max(0)), 2.0 / float(np.ptp(start.points, axis=0).max())
     dense = [resample(target, 0.5 * edge_mm) for target in targets]
     camera, wanted = _silhouette_target(start, targets, pixels)
     sheet, history, remeshed, stopped = start, {}, 0, Stop.STEPS
-    rounds = 4
-    for index in range(rounds):
-        system = PoissonSystem.of(np.column_stack([(sheet.points - middle) * scale, np.zeros(len(sheet.points))]), sheet.faces)
-        terms = _terms(system, sheet, dense, (middle, scale), camera, wanted, weights)
-        rate = 2e-2 * (1.0 - index / rounds) + 4e-3
+    each = -(-steps // ROUNDS)
+    for index in range(ROUNDS):
+        flat = np.column_stack([(sheet.points - frame[0]) * frame[1], np.zeros(len(sheet.points))])
+        system = PoissonSystem.of(flat, sheet.faces)
+        terms = _terms(system, sheet, dense, frame, camera, wanted, weights)
+        rate = 2e-2 * (1.0 - index / ROUNDS) + 4e-3
+        seen = _watcher(watch, sheet, frame, index * each)
         outcome = descend(
-            system, terms, Descent(steps // rounds, rate, 0.5 * rate, final_share=0.5), Variables.rest(len(sheet.faces), 2)
+            system, terms, Descent(each, rate, 0.5 * rate, final_share=0.5), Variables.rest(len(sheet.faces), 2), seen
         )
         for name, values in outcome.history.items():
             history.setdefault(name, []).extend(values)
-        points = outcome.positions / scale + middle
-        moved = PlaneMesh(points, sheet.faces, sheet.loops)
+        sheet = PlaneMesh(outcome.positions / frame[1] + frame[0], sheet.faces, sheet.loops)
         stopped = outcome.stopped
-        first, second = singular_values(torch.from_numpy(system.restricted(outcome.positions)))
-        if index == rounds - 1 or stopped is Stop.INTERRUPTED:
-            sheet = moved
+        if index == ROUNDS - 1 or stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE):
             break
+        first, second = singular_values(torch.from_numpy(system.restricted(outcome.positions)))
         if float(first.max()) > 1.4 or float(second.min()) < 0.7:
-            sheet = triangulate([points[loop] for loop in sheet.loops], edge_mm)
+            sheet = triangulate([sheet.points[loop] for loop in sheet.loops], edge_mm)
             remeshed += 1
-        else:
-            sheet = moved
-        if watch is not None:
-            watch(sheet, (index + 1) * (steps // rounds))
     return FlatFit(_snapped(sheet, dense, edge_mm), history, remeshed, stopped)
+
+
+def _watcher(watch: Callable[[PlaneMesh, int], None] | None, sheet: PlaneMesh, frame: tuple, before: int):
+    """What `descend` calls at every step: `watch` with the sheet in millimetres, every tenth step."""
+    if watch is None:
+        return None
+
+    def seen(step: int, values: dict[str, float], positions: Tensor) -> None:
+        if step % 10 == 9:
+            points = positions.double().numpy() / frame[1] + frame[0]
+            watch(PlaneMesh(points, sheet.faces, sheet.loops), before + step + 1)
+
+    return seen
 
 
 def _silhouette_target(start: PlaneMesh, targets: list[np.ndarray], pixels: int):

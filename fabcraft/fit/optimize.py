@@ -102,7 +102,8 @@ def fit(
 
     def flat_watch(flat: PlaneMesh, step: int) -> None:
         sheet = raised(flat, template.front.base_at)
-        stages.append((f"outline {step}", sheet))
+        if step in (settings.flat_steps // 4 // 10 * 10, settings.flat_steps // 2 // 10 * 10):
+            stages.append((f"outline {step}", sheet))
         if watch is not None:
             watch("outline", step, settings.flat_steps, sheet)
 

@@ -1,7 +1,8 @@
-"""Polylines in the picture plane: corners, and smoothing that keeps them.  Pixels, (column, row).
+"""Polylines in the picture plane: corners, and smoothing that keeps them. Pixels, (column, row).
 
-Smoothing is the discrete smoothing spline (Whittaker 1923): min_x |x - p|^2 + s |D2 x|^2 on evenly spaced points,
-whose half-power wavelength is 2 pi s^(1/4) samples. Corners are held, so each piece between two is smoothed alone.
+Smoothing is the discrete smoothing spline (Whittaker 1923): min_x |x - p|^2 + s |D2 x|^2 on evenly spaced
+points, whose half-power wavelength is 2 pi s^(1/4) samples. Corners are held, so each piece between two is
+smoothed alone.
 """
 
 import numpy as np
@@ -19,7 +20,8 @@ def length_of(points: Points) -> float:
 def smooth_open(points: Points, wavelength: float, weight: Float64[np.ndarray, " _"] | None = None) -> Points:
     """Evenly spaced polyline without waves shorter than `wavelength` samples; both ends stay.
 
-    weight : (N,) how far each point is to be believed, 1 by default; where it is small the curve runs on smoothly.
+    weight : (N,) how far each point is to be believed, 1 by default; where it is small the curve runs on
+    smoothly.
     """
     n = len(points)
     if n < 5:
@@ -56,9 +58,9 @@ def turning(points: Points, reach: int) -> Float64[np.ndarray, " _"]:
 def corners(points: Points, reach: int, least_deg: float) -> Int[np.ndarray, " _"]:
     """Indices where the evenly spaced closed contour turns by `least_deg` or more at once.
 
-    A round bend turns in proportion to the reach (an ellipse's end a little faster); a corner has done its turning
-    within a short one, so two thirds of the turn must be there over half the `reach`.  The index is the point
-    farthest from the chord.
+    A round bend turns in proportion to the reach (an ellipse's end a little faster); a corner has done its
+    turning within a short one, so two thirds of the turn must be there over half the `reach`.  The index is
+    the point farthest from the chord.
     """
     n = len(points)
     wide, near = np.abs(turning(points, reach)), np.abs(turning(points, max(1, round(0.5 * reach))))

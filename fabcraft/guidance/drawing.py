@@ -1,8 +1,8 @@
 """`Drawing`: what was understood of a sketch, in pixels of the working image.
 
-Points are (column, row) in pixel coordinates, rows downwards: the pixel in column c and row r covers [c, c+1] x
-[r, r+1] and has its centre at (c + 0.5, r + 0.5), as in `geometry.plane`.  A closed contour does not repeat its
-first point and runs clockwise as seen on the screen (positive shoelace area with rows downwards).
+Points are (column, row) in pixel coordinates, rows downwards: the pixel in column c and row r covers [c, c+1]
+x [r, r+1] and has its centre at (c + 0.5, r + 0.5), as in `geometry.plane`. A closed contour does not repeat
+its first point and runs clockwise as seen on the screen (positive shoelace area with rows downwards).
 """
 
 from dataclasses import dataclass, fields
@@ -21,15 +21,19 @@ class Drawing:
     silhouette: Bool[np.ndarray, "H W"]
     """True inside the outline (its outer edge), openings not cut out."""
     outline: Float64[np.ndarray, "N 2"]
-    """Closed contour of the silhouette, evenly spaced, freed of pixel stairs and jitter, its corners sharp."""
+    """Closed contour of the silhouette, evenly spaced, freed of pixel stairs and jitter, its corners sharp.
+    """
     eyes: tuple[Float64[np.ndarray, "_ 2"], ...]
     """None or two closed contours, the left one of the picture first: the centre line of the drawn loop."""
     holes: tuple[Float64[np.ndarray, "_ 2"], ...]
     """Other closed contours that are meant to be open; none unless the user says so."""
     regions: tuple[Float64[np.ndarray, "_ 2"], ...]
-    """Closed contours of the other loops and filled spots inside (nose, cheeks, inner ears), largest first."""
+    """Closed contours of the other loops and filled spots inside (nose, cheeks, inner ears), largest first.
+    """
     strokes: tuple[Float64[np.ndarray, "_ 2"], ...]
-    """Open centre lines of the other ink inside the outline (mouth, brows, whiskers up to the rim), longest first."""
+    """Open centre lines of the other ink inside the outline (mouth, brows, whiskers up to the rim), longest
+    first.
+    """
     stroke_width_px: float
     """Typical width of a drawn line."""
     outline_closed: bool
@@ -41,7 +45,9 @@ class Drawing:
     symmetry_tilt_deg: float
     """Angle of that axis against the columns, positive when its upper end leans to the right."""
     symmetry_iou: float
-    """Overlap (intersection over union) of the silhouette with its mirror image about that axis; 1 is symmetric."""
+    """Overlap (intersection over union) of the silhouette with its mirror image about that axis; 1 is
+    symmetric.
+    """
     dropped: tuple[str, ...] = ()
     """What was seen and left out, a phrase each."""
     warnings: tuple[str, ...] = ()

@@ -1,4 +1,6 @@
-"""A picture of a drawing becomes a `Drawing`: ink, closed outline, eyes, regions and strokes.  Pixels throughout."""
+"""A picture of a drawing becomes a `Drawing`: ink, closed outline, eyes, regions and strokes. Pixels
+throughout.
+"""
 
 from dataclasses import dataclass
 
@@ -11,17 +13,18 @@ from fabcraft.errors import InputError
 from fabcraft.geometry.contour import inside
 from fabcraft.guidance.curves import length_of
 from fabcraft.guidance.drawing import Drawing
+from fabcraft.guidance.eyes import find_eyes
 from fabcraft.guidance.gaps import Bridge, Closed, close_gaps, close_loops
 from fabcraft.guidance.ink import ink as ink_of
 from fabcraft.guidance.ink import one_line, working_copy
 from fabcraft.guidance.outline import Trimmed, fill_contour, outline_of, trim
-from fabcraft.guidance.parts import find_eyes, parts_of
+from fabcraft.guidance.parts import parts_of
 from fabcraft.guidance.strokes import trace_strokes
 from fabcraft.guidance.symmetry import mirror_axis
 
 Mask = Bool[np.ndarray, "H W"]
 Points = Float64[np.ndarray, "_ 2"]
-CLOSE_IT = "Close the outline with a dark line, then try again (gaps up to a tenth of the drawing are closed for you)."
+CLOSE_IT = "Close the outline with a dark line; gaps up to a tenth of the drawing are closed for you."
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ def understand(rgba: UInt8[np.ndarray, "H W 4"]) -> Drawing:
     parts = parts_of(close_loops(rim.ink, around, width), around, width)
     # From here on in the coordinates of the picture.
     silhouette, outline = around[margin:-margin, margin:-margin], rim.outline - margin
-    loops = tuple(loop.moved(-margin) for loop in parts.loops)
+    loops = tuple(loop.moved(-float(margin)) for loop in parts.loops)
     axis = mirror_axis(silhouette)
     eyes = find_eyes(loops, silhouette, axis)
     openings = tuple(eye.contour for eye in eyes)
@@ -96,7 +99,7 @@ def _main_shape(closed: Closed, page: Mask, width: float) -> Trimmed:
     for k, box in enumerate(ndimage.find_objects(labels, count), start=1):
         if min(_sides(labels[box] == k)) > span:
             raise InputError(
-                f"the outline is open: the largest closed line is only {span} px across, and a longer one is not closed",
+                f"the outline is open: the largest closed line is {span} px across, a longer one is open",
                 CLOSE_IT,
             )
     return shape

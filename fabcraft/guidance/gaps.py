@@ -1,12 +1,15 @@
-"""Gaps in the outline closed by short curves that run on from the stroke ends, only where something becomes closed.
+"""Gaps in the outline closed by short curves that run on from the stroke ends, only where something
+becomes closed.
 
-Every pair of free ends that look at each other, and every free end that looks at another line, is a candidate. All
-candidates up to a length are drawn at once; then each, the longest first, is taken away again unless the filled area
-would shrink. Longer ones are tried only while the filled area stays below 88 % of what the widest closing gives; an
-end that looks at a line from afar is then more often a feeler or a whisker than a gap.
+Every pair of free ends that look at each other, and every free end that looks at another line, is a
+candidate. All candidates up to a length are drawn at once; then each, the longest first, is taken away again
+unless the filled area would shrink. Longer ones are tried only while the filled area stays below 88 % of what
+the widest closing gives; an end that looks at a line from afar is then more often a feeler or a whisker than
+a gap.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -48,7 +51,8 @@ class Closed:
 def close_gaps(ink: Mask, width: float, margin: int = 0) -> Closed:
     """The ink with just those gaps closed that leave its outline open.
 
-    margin : width of the empty band around the picture; lines that the picture's border cuts are joined along it.
+    margin : width of the empty band around the picture; lines that the picture's border cuts are joined
+    along it.
     """
     side = _extent(ink)
     ends = _free_ends(skeleton_graph(ink, width))
@@ -123,7 +127,9 @@ def _free_ends(branches: list[Branch]) -> list[Branch]:
 def _candidates(
     ink: Mask, ends: list[Branch], longest: float, landing_px: float, width: float
 ) -> list[Bridge]:
-    """Bridges between ends that look at each other and, up to `landing_px`, from an end to a line that it looks at."""
+    """Bridges between ends that look at each other and, up to `landing_px`, from an end to a line that it
+    looks at.
+    """
     tips = [b.points[-1] for b in ends]
     looks = [end_direction(b.points, 3 * width) for b in ends]
     found = []
@@ -146,23 +152,21 @@ def _candidates(
     return found
 
 
-def _border_bridges(
-    ends: list[Branch], shape: tuple[int, int], margin: int, width: float
-) -> list[Bridge]:
+def _border_bridges(ends: list[Branch], shape: tuple[int, int], margin: int, width: float) -> list[Bridge]:
     """Straight joins between neighbouring ends that stop at the same border of the picture."""
     found = []
     tips = np.array([b.points[-1] for b in ends]).reshape(-1, 2)
     for axis, at in ((0, margin), (0, shape[1] - margin), (1, margin), (1, shape[0] - margin)):
         here = tips[np.abs(tips[:, axis] - at) < 1.5 * width] if margin else tips[:0]
         here = here[np.argsort(here[:, 1 - axis])]
-        for a, b in zip(here[:-1], here[1:], strict=True):
+        for a, b in pairwise(here):
             d = float(np.linalg.norm(b - a))
             found.append(Bridge(np.linspace(a, b, max(3, int(d))), max(1.0, d - width)))
     return found
 
 
 def _hermite(a: Vector, u: Vector, b: Vector, v: Vector, facing: float) -> Points:
-    """Cubic from `a` in direction `u` to `b` arriving in direction `v`; straight when the ends do not face."""
+    """Cubic from `a` in direction `u` to `b` arriving in direction `v`; straight when they do not face."""
     d = float(np.linalg.norm(b - a))
     t = np.linspace(0, 1, max(3, int(d)))[:, None]
     pull = d * float(np.clip(facing, 0, 1))
@@ -171,7 +175,9 @@ def _hermite(a: Vector, u: Vector, b: Vector, v: Vector, facing: float) -> Point
 
 
 def _landing(ink: Mask, tip: Vector, look: Vector, longest: float, width: float) -> Vector | None:
-    """First ink met within 30 degrees of the stroke's direction, beyond its own end; None when there is none."""
+    """First ink met within 30 degrees of the stroke's direction, beyond its own end; None when there is
+    none.
+    """
     best, nearest = None, longest + width
     for turn in np.radians([0, -10, 10, -20, 20, -30, 30]):
         c, s = np.cos(turn), np.sin(turn)

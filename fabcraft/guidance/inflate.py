@@ -7,7 +7,7 @@ arch of relative height k across a strip, soft at the rim by ε. Strokes are sof
 filled regions as low cushions, a bead around the openings and along the rim.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -60,6 +60,11 @@ class Relief:
     """0.25 mm grid of `detail`."""
     detail: Float64[np.ndarray, "h w"]
     """Material to add on the outer side, >= 0."""
+    _room: Float64[np.ndarray, "H W"] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        solid = solid_mask(self.outline, self.openings, self.plane)
+        object.__setattr__(self, "_room", signed_distance_image(solid, self.plane.pixel_mm))
 
     def height_at(self, xz: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray, " N"]:
         """Wanted height of the sheet at (x, z), cubic."""
@@ -71,8 +76,7 @@ class Relief:
 
     def room_at(self, xz: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray, " N"]:
         """Distance to the outline or the nearest opening, mm; negative outside the object."""
-        solid = solid_mask(self.outline, self.openings, self.plane)
-        return self.plane.sample(signed_distance_image(solid, self.plane.pixel_mm), xz)
+        return self.plane.sample(self._room, xz)
 
     def mesh(self, edge_mm: float = 2.0) -> Mesh:
         """The relief as an open surface facing the viewer (the guidance mesh of the paper's image route)."""

@@ -1,8 +1,8 @@
 """Which pixels are ink: transparency, light on dark, uneven light and paper grain settled.
 
 Darkness d = 1 - I / B with B the light of the bare paper: first a quadratic surface through the frame of the
-picture, then an average over the paper around each pixel (ink left out, so a filled shape does not become paper).
-The limit is Otsu's, taken near candidate ink only, where both classes are of like size.
+picture, then an average over the paper around each pixel (ink left out, so a filled shape does not become
+paper). The limit is Otsu's, taken near candidate ink only, where both classes are of like size.
 """
 
 import cv2
@@ -72,7 +72,9 @@ def darkness(rgb: Float32[np.ndarray, "H W 3"]) -> Grey:
         grey = rgb.mean(2)
         frame = _frame_light(grey)
     rgb = cv2.GaussianBlur(rgb, (0, 0), max(0.5, side / 2000))
-    closed = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, _disc(side / 50))
+    half = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    closed = cv2.morphologyEx(half, cv2.MORPH_CLOSE, _disc(side / 100))
+    closed = cv2.resize(closed, grey.shape[::-1], interpolation=cv2.INTER_LINEAR)
     bare = ~cv2.dilate(
         ((grey < 0.86 * closed) | (grey < 0.6 * frame)).astype(np.uint8), _disc(side / 250)
     ).astype(bool)
@@ -83,7 +85,9 @@ def darkness(rgb: Float32[np.ndarray, "H W 3"]) -> Grey:
 
 
 def stroke_width(mask: Mask, percentile: float = 50) -> float:
-    """Median (or another percentile) of the width of the drawn lines, pixels; of a page of filled shapes, about 1 % of the side."""
+    """Median (or another percentile) of the width of the drawn lines, pixels; of a page of filled shapes,
+    about 1 % of the side.
+    """
     usual = max(mask.shape) / 100
     filled = ndimage.binary_fill_holes(mask)
     deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
@@ -118,7 +122,9 @@ def _opaque(rgba: UInt8[np.ndarray, "H W 4"]) -> Float32[np.ndarray, "H W 3"]:
 
 
 def _frame_light(grey: Grey) -> Grey:
-    """Quadratic surface through the picture's frame (8 % wide), where the paper is mostly bare; robust to ink there."""
+    """Quadratic surface through the picture's frame (8 % wide), where the paper is mostly bare; robust to
+    ink there.
+    """
     rows, cols = grey.shape
     small = cv2.resize(grey, (64, 64), interpolation=cv2.INTER_AREA)
     y, x = np.meshgrid(np.linspace(-1, 1, 64), np.linspace(-1, 1, 64), indexing="ij")
@@ -134,14 +140,16 @@ def _frame_light(grey: Grey) -> Grey:
 
 
 def _paper_light(channel: Grey, bare: Mask, sigma: float) -> Grey:
-    """Light of the paper at every pixel: average of the bare pixels around, wider and wider where there are none."""
+    """Light of the paper at every pixel: average of the bare pixels around, wider and wider where there are
+    none.
+    """
     rows, cols = channel.shape
-    small = (max(8, cols // 4), max(8, rows // 4))
+    small = (max(8, cols // 8), max(8, rows // 8))
     weight = cv2.resize(bare.astype(np.float32), small, interpolation=cv2.INTER_AREA)
     value = cv2.resize(channel * bare, small, interpolation=cv2.INTER_AREA)
     total, over = np.zeros_like(value), np.zeros_like(value)
     for k in range(5):
-        s, trust = sigma / 4 * 2**k, 10.0 ** (-3 * k)
+        s, trust = sigma / 8 * 2**k, 10.0 ** (-3 * k)
         total += trust * cv2.GaussianBlur(value, (0, 0), s)
         over += trust * cv2.GaussianBlur(weight, (0, 0), s)
     light = np.where(over > 0, total / np.maximum(over, 1e-30), float(np.median(channel))).astype(np.float32)

@@ -1,11 +1,12 @@
 """The silhouette's outline: hairs cut off, tips sharp, one smooth closed contour.
 
-Opening by a disc of 0.85 line widths takes away what is as thin as a line: whiskers across the rim, but the tips of
-ears as well.  So at every sharp convex turn of the opened contour its two flanks are run on as straight lines, and
-the tip goes back to where they meet, no farther than there is ink.
+Opening by a disc of 0.85 line widths takes away what is as thin as a line: whiskers across the rim, but the
+tips of ears as well. So at every sharp convex turn of the opened contour its two flanks are run on as
+straight lines, and the tip goes back to where they meet, no farther than there is ink.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -52,13 +53,15 @@ def trim(filled: Mask, width: float) -> Trimmed:
 
 
 def outline_of(shape: Trimmed, width: float, bridged: Points | None = None) -> Points:
-    """(N, 2) the smooth closed contour of a trimmed shape, corners sharp, evenly spaced by a sixth of a line width.
+    """(N, 2) the smooth closed contour of a trimmed shape, corners sharp, evenly spaced by a sixth of a
+    line width.
 
     bridged : (K, 2) points of bridged gaps; near them and near cut hairs the contour runs on from both sides.
     """
     step = max(1.0, width / 6)
     raw = resample(contour_of(shape.mask), step)
-    # Over a sixteenth of its round a circle turns by 22 degrees, so a small one has no corners; a dot has none at all.
+    # Over a sixteenth of its round a circle turns by 22 degrees, so a small one has no corners; a dot has
+    # none at all.
     reach = min(round(2.5 * width / step), len(raw) // 16)
     held = corners(raw, reach, CORNER_DEG) if reach * step > 0.8 * width else np.zeros(0, dtype=np.int64)
     weight = np.ones(len(raw))
@@ -78,7 +81,9 @@ def outline_of(shape: Trimmed, width: float, bridged: Points | None = None) -> P
 def _tip(
     raw: Points, i: int, held: Int[np.ndarray, " _"], filled: Mask, samples: float
 ) -> tuple[Float64[np.ndarray, "2"], bool]:
-    """Where the corner `i` of the opened contour belongs, and whether it is convex; `samples` in a line width."""
+    """Where the corner `i` of the opened contour belongs, and whether it is convex; `samples` in a line
+    width.
+    """
     n = len(raw)
     convex = bool(turning(raw, max(2, round(2 * samples)))[i] > 0)
     if not convex:
@@ -117,7 +122,9 @@ def _line(points: Points) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray,
 
 
 def contour_of(mask: Mask) -> Points:
-    """(N, 2) the longest outer contour of a mask at sub-pixel steps, clockwise on the screen, in pixel coordinates."""
+    """(N, 2) the longest outer contour of a mask at sub-pixel steps, clockwise on the screen, in pixel
+    coordinates.
+    """
     from skimage.measure import find_contours
 
     rounded = cv2.GaussianBlur(np.pad(mask, 3).astype(np.float32), (0, 0), 0.7)
@@ -141,10 +148,14 @@ def fill_holes(mask: Mask) -> Mask:
 
 
 def fill_contour(points: Points, shape: tuple[int, int]) -> Mask:
-    """(H, W) True where the pixel's centre lies inside the closed contour (even-odd, one crossing at a time)."""
+    """(H, W) True where the pixel's centre lies inside the closed contour (even-odd, one crossing at a
+    time).
+    """
     a, b = points, np.roll(points, -1, 0)
     low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
-    first = np.clip(np.ceil(low - 0.5), 0, shape[0]).astype(int)  # rows whose centre the edge passes: [low, high)
+    first = np.clip(np.ceil(low - 0.5), 0, shape[0]).astype(
+        int
+    )  # rows whose centre the edge passes: [low, high)
     count = np.clip(np.ceil(high - 0.5), 0, shape[0]).astype(int) - first
     edge = np.repeat(np.arange(len(points)), count)
     row = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[edge]
@@ -172,6 +183,4 @@ def _even_between(points: Points, held: Int[np.ndarray, " _"], step: float) -> P
     # The smoothed ring starts at the first held point.
     starts = np.r_[held - held[0], len(points)]
     ring = np.vstack([points, points[:1]])
-    return np.vstack(
-        [resample_open(ring[a : b + 1], step)[:-1] for a, b in zip(starts, starts[1:], strict=False)]
-    )
+    return np.vstack([resample_open(ring[a : b + 1], step)[:-1] for a, b in pairwise(starts)])

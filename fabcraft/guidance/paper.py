@@ -1,7 +1,7 @@
 """A sheet of paper photographed on something darker: the table is taken away, so its edge is no drawing.
 
-The sheet is the bright part of the picture (Otsu) when it is large, nearly a rectangle, and has ink on it; a light
-shape that fills its own box less well is a drawing on a dark page and stays.
+The sheet is the bright part of the picture (Otsu) when it is large, nearly a rectangle, and has ink on it; a
+light shape that fills its own box less well is a drawing on a dark page and stays.
 """
 
 import cv2
@@ -17,7 +17,9 @@ def without_table(rgb: Float32[np.ndarray, "H W 3"]) -> Float32[np.ndarray, "H W
     """(H, W, 3) colours 0-1 with everything around the sheet painted in the sheet's colour."""
     grey = (255 * rgb.mean(2).clip(0, 1)).astype(np.uint8)
     edge = np.concatenate([grey[:3].ravel(), grey[-3:].ravel(), grey[:, :3].ravel(), grey[:, -3:].ravel()])
-    limit, bright = cv2.threshold(cv2.GaussianBlur(grey, (0, 0), 2.0), 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    limit, bright = cv2.threshold(
+        cv2.GaussianBlur(grey, (0, 0), 2.0), 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU
+    )
     if np.mean(edge > limit) > 0.4:  # the paper reaches the border on most sides
         return rgb
     labels, count = ndimage.label(bright)

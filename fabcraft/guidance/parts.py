@@ -1,7 +1,8 @@
-"""What is drawn inside the outline: loops and filled spots (regions), the eyes among them, and strokes.
+"""What is drawn inside the outline: loops, filled spots, and strokes.
 
-A piece of ink whose filled shape survives an opening by a line's width is a loop when much of it is bare paper inside
-and a spot when it is ink; the rest are strokes.  On a solid silhouette the bare paper plays the part of the ink.
+A piece of ink whose filled shape survives an opening by a line's width is a loop when much of it is bare
+paper inside and a spot when it is ink; the rest are strokes. On a solid silhouette the bare paper plays the
+part of the ink.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +15,6 @@ from scipy import ndimage
 from fabcraft.guidance.gaps import fill
 from fabcraft.guidance.outline import Trimmed, fill_contour, largest, outline_of, trim
 from fabcraft.guidance.strokes import trace_strokes
-from fabcraft.guidance.symmetry import Axis
 
 Mask = Bool[np.ndarray, "H W"]
 Points = Float64[np.ndarray, "_ 2"]
@@ -67,68 +67,14 @@ def parts_of(ink: Mask, silhouette: Mask, width: float) -> Parts:
     return Parts(tuple(sorted(loops, key=lambda item: -item.area)), tuple(strokes), solid)
 
 
-def find_eyes(loops: tuple[Loop, ...], silhouette: Mask, axis: Axis) -> tuple[Loop, ...]:
-    """The two loops that are a pair of eyes, left one of the picture first, or none.
-
-    A pair is alike, on both sides of the axis at one height, in the middle of the shape; the score is a sum of
-    squares over usual spreads: eye width 0.20 +- 0.08 and distance 0.45 +- 0.15 of the width, height 0.50 +- 0.20.
-    """
-    tilt = np.radians(axis.tilt_deg)
-    right, down = np.array([np.cos(tilt), np.sin(tilt)]), np.array([-np.sin(tilt), np.cos(tilt)])
-    origin = np.array([axis.column_px, silhouette.shape[0] / 2])
-    inside = np.argwhere(silhouette)[:, ::-1] + 0.5 - origin
-    width, (top, bottom) = np.ptp(inside @ right), np.percentile(inside @ down, [0, 100])
-    place = [
-        ((loop.centre - origin) @ right / width, ((loop.centre - origin) @ down - top) / (bottom - top))
-        for loop in loops
-    ]
-    wide = [np.ptp(loop.contour @ right) / width for loop in loops]
-    best: tuple[Loop, ...] = ()
-    least = 4.5
-    for i, a in enumerate(loops):
-        for j, b in enumerate(loops):
-            (u, v), (s, t) = place[i], place[j]
-            alike = min(a.area, b.area) / max(a.area, b.area)
-            if not (
-                u < 0 < s and a.spot == b.spot and alike > 0.5 and abs(u + s) < 0.12 and abs(v - t) < 0.1
-            ):
-                continue
-            if not (0.105 if not a.spot else 0.06) < min(wide[i], wide[j]) <= max(wide[i], wide[j]) < 0.38:
-                continue
-            if _row_of_three(loops, place, i, j):
-                continue
-            size = (wide[i] + wide[j]) / 2
-            score = (
-                ((size - 0.2) / 0.08) ** 2 + ((s - u - 0.45) / 0.15) ** 2 + (((v + t) / 2 - 0.5) / 0.2) ** 2
-            )
-            score += ((u + s) / 0.06) ** 2 + ((v - t) / 0.06) ** 2 + 2 * (1 - alike) + a.spot
-            if score < least:
-                best, least = (a, b), score
-    return best
-
-
-def _row_of_three(loops: tuple[Loop, ...], place: list[tuple[float, float]], i: int, j: int) -> bool:
-    """A third one of like size and shape between the two at their height: jewels, not eyes."""
-    (u, v), (s, t) = place[i], place[j]
-    size = np.ptp(loops[i].contour, axis=0)
-    for k, c in enumerate(loops):
-        ratio = np.ptp(c.contour, axis=0) / size
-        between = u < place[k][0] < s and abs(place[k][1] - (v + t) / 2) < 0.07
-        if k not in (i, j) and between and (ratio > 0.5).all() and (ratio < 2).all():
-            return not (_holds(loops[i], c) or _holds(loops[j], c))
-    return False
-
-
-def _holds(outer: Loop, inner: Loop) -> bool:
-    return cv2.pointPolygonTest(outer.contour.astype(np.float32), tuple(map(float, inner.centre)), False) >= 0
-
-
 def _depth(mask: Mask) -> Depth:
     return cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
 def _rim_width(ink: Mask, silhouette: Mask, depth: Depth, width: float) -> float:
-    """How deep the line of the outline reaches: where less than a third of the pixels at that depth are ink."""
+    """How deep the line of the outline reaches: where less than a third of the pixels at that depth are
+    ink.
+    """
     for d in np.arange(0.5 * width, 4 * width, 0.15 * width):
         ring = silhouette & (depth >= d) & (depth < d + 1.5)
         if not ring.any() or ink[ring].mean() < 0.33:
@@ -148,8 +94,8 @@ def _loops(inner: Mask, ink: Mask, width: float, solid: bool) -> tuple[list[Loop
         corner = np.array([box[1].start - pad, box[0].start - pad], float)
         filled = fill(piece)
         alone = size[whole[box][labels[box] == k].max()] < 1.2 * piece.sum()  # not cut off a longer line
-        if not solid and alone and _is_dot(filled, width):
-            found.append(_loop(filled, filled, 0.4 * width, 0.0, True).moved(corner))
+        if not solid and alone and _is_dot(piece, filled, width):
+            found.append(_loop(filled, filled, 0.5 * width, 0.0, True).moved(corner))
             left[box] &= labels[box] != k
             continue
         for shape in _thick_pieces(filled, width):
@@ -168,14 +114,15 @@ def _loops(inner: Mask, ink: Mask, width: float, solid: bool) -> tuple[list[Loop
     return found, left
 
 
-def _is_dot(filled: Mask, width: float) -> bool:
-    """As long as it is wide, and small: a freckle, not a stroke."""
-    (_, (a, b), _) = cv2.minAreaRect(np.argwhere(filled).astype(np.float32))
-    return (
-        max(a, b) < 2.6 * width
-        and max(a, b) < 2 * min(a, b) + 2
-        and filled.sum() > max(0.6 * a * b, 0.8 * width**2, 8)
-    )
+def _is_dot(piece: Mask, filled: Mask, width: float) -> bool:
+    """About as long as it is wide, and small: a freckle, or a pearl with a speck of paper in it, not a
+    stroke.
+    """
+    (_, sides, _) = cv2.minAreaRect(np.argwhere(filled).astype(np.float32))
+    short, long = min(sides), max(sides)
+    full = bool(filled.sum() > max(0.6 * short * long, 0.8 * width**2, 8))
+    pearl = long < 4.5 * width and long < 1.5 * short and bool(piece.sum() > 0.75 * filled.sum())
+    return full and (pearl or (long < 2.6 * width and long < 2 * short + 2))
 
 
 def _thick_pieces(filled: Mask, width: float) -> list[Mask]:
@@ -191,7 +138,9 @@ def _thick_pieces(filled: Mask, width: float) -> list[Mask]:
 
 
 def _as_loops(shape: Mask, piece: Mask, filled: Mask, width: float, spot: bool, solid: bool) -> list[Loop]:
-    """One loop around the shape, or one for each cell when they only lean on each other (a figure of eight)."""
+    """One loop around the shape, or one for each cell when they only lean on each other (a figure of
+    eight).
+    """
     if spot:
         return [_loop(shape, filled, width, 0.0, not solid)]
     cells, count = ndimage.label(shape & ~piece)
@@ -204,7 +153,9 @@ def _as_loops(shape: Mask, piece: Mask, filled: Mask, width: float, spot: bool, 
 
 
 def _loop(mask: Mask, filled: Mask, width: float, inward: float, spot: bool) -> Loop:
-    """The shape with its tips (as far as `filled` goes), shrunk by `inward` (grown when negative), smoothed."""
+    """The shape with its tips (as far as `filled` goes), shrunk by `inward` (grown when negative),
+    smoothed.
+    """
     contour = outline_of(Trimmed(mask, filled, np.zeros((0, 2))), width)
     if inward:
         whole = fill_contour(contour, mask.shape)
@@ -221,7 +172,9 @@ def _loop(mask: Mask, filled: Mask, width: float, inward: float, spot: bool) -> 
 def _cells_at_the_rim(
     ink: Mask, silhouette: Mask, depth: Depth, known: list[Loop], width: float
 ) -> list[Loop]:
-    """Small closed cells that lean on the outline or on a stroke from it, such as an inner ear drawn as a V."""
+    """Small closed cells that lean on the outline or on a stroke from it, such as an inner ear drawn as a
+    V.
+    """
     taken = np.zeros(ink.shape, bool)
     for loop in known:
         taken |= fill_contour(loop.contour, ink.shape)

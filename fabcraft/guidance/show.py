@@ -1,4 +1,6 @@
-"""A picture of what was understood of a drawing: outline green, eyes red, regions blue, strokes orange, axis grey."""
+"""A picture of what was understood of a drawing: outline green, eyes red, regions blue, strokes orange,
+axis grey.
+"""
 
 import cv2
 import numpy as np

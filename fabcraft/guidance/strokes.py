@@ -1,7 +1,8 @@
-"""Ink becomes centre lines: skeleton, its graph, spurs pruned, straightest lines joined through junctions, smoothed.
+"""Ink becomes centre lines: skeleton, its graph, spurs pruned, straightest lines joined through junctions,
+smoothed.
 
-Skeleton by Zhang and Suen (1984). A graph here is a list of `Branch`es; an end without a node is free.
-Points are (column, row) at pixel centres (+0.5).
+Skeleton by Zhang and Suen (1984). A graph here is a list of `Branch`es; an end without a node is free. Points
+are (column, row) at pixel centres (+0.5).
 """
 
 from dataclasses import dataclass, replace
@@ -80,9 +81,9 @@ def _branches(skeleton: Mask) -> list[Branch]:
     around = cv2.filter2D(skeleton.astype(np.uint8), -1, np.ones((3, 3)), borderType=cv2.BORDER_CONSTANT) - 1
     joint = skeleton & (around >= 3)
     nodes, count = ndimage.label(joint, np.ones((3, 3)))
-    centres = (
-        np.array(ndimage.center_of_mass(joint, nodes, np.arange(1, count + 1))).reshape(-1, 2)[:, ::-1] + 0.5
-    )
+    at, owner = np.argwhere(joint)[:, ::-1] + 0.5, nodes[joint] - 1
+    members = np.bincount(owner, minlength=count)
+    centres = np.stack([np.bincount(owner, at[:, k], count) / members for k in (0, 1)], 1)
     paths, n = ndimage.label(skeleton & ~joint, np.ones((3, 3)))
     found = []
     for label, box in enumerate(ndimage.find_objects(paths, n), start=1):
@@ -193,7 +194,7 @@ def _spliced(a: Branch, b: Branch, node: int) -> Branch:
 
 
 def _joined(branches: list[Branch], width: float) -> list[Branch]:
-    """At every node the two branches that run straightest into each other become one line, again and again."""
+    """At every node the two branches that run straightest into each other become one line, over and over."""
     while True:
         best, straightest = None, np.cos(np.radians(50.0))
         ends: dict[int, list[tuple[int, np.ndarray]]] = {}

@@ -1,4 +1,6 @@
-"""The best mirror axis of a silhouette: the overlap with its own mirror image, over all columns and small tilts."""
+"""The best mirror axis of a silhouette: the overlap with its own mirror image, over all columns and small
+tilts.
+"""
 
 from dataclasses import dataclass
 
@@ -33,11 +35,27 @@ def mirror_axis(silhouette: Bool[np.ndarray, "H W"], most_tilt_deg: float = 15.0
         best = max((_best_column(small, t) for t in around), key=lambda a: a.iou)
     upright = _best_column(small, 0.0)
     best = upright if best.iou - upright.iou < 0.003 else best  # no tilt without evidence
-    return Axis(best.column_px * width / size[0], best.tilt_deg, best.iou)
+    column = best.column_px * width / size[0]
+    return Axis(column, best.tilt_deg, _mirror_iou(silhouette, column, best.tilt_deg))
+
+
+def _mirror_iou(silhouette: Bool[np.ndarray, "H W"], column_px: float, tilt_deg: float) -> float:
+    """Overlap of the silhouette with its mirror image x -> x - 2 n (n . (x - p)), p on the axis."""
+    normal = np.array([np.cos(np.radians(tilt_deg)), np.sin(np.radians(tilt_deg))])
+    middle = np.array([column_px - 0.5, silhouette.shape[0] / 2 - 0.5])  # OpenCV's pixel centres are whole
+    reflect = np.eye(2) - 2 * np.outer(normal, normal)
+    matrix = np.column_stack([reflect, middle - reflect @ middle])
+    margin = max(silhouette.shape)  # nothing may fall off the page
+    matrix[:, 2] += margin - reflect @ [margin, margin]
+    padded = np.pad(silhouette, margin).astype(np.float32)
+    mirrored = cv2.warpAffine(padded, matrix, padded.shape[::-1]) > 0.5
+    return float((mirrored & (padded > 0)).sum() / (mirrored | (padded > 0)).sum())
 
 
 def _best_column(image: Float32[np.ndarray, "h w"], tilt_deg: float) -> Axis:
-    """Best axis at one tilt: the picture is turned upright, then the overlap m(x) m(2c - x) of all c at once by FFT."""
+    """Best axis at one tilt: the picture is turned upright, then the overlap m(x) m(2c - x) of all c at
+    once by FFT.
+    """
     rows, cols = image.shape
     turn = cv2.getRotationMatrix2D(((cols - 1) / 2, (rows - 1) / 2), tilt_deg, 1.0)
     turned = cv2.warpAffine(image, turn, (cols, rows)) if tilt_deg else image

@@ -1,7 +1,8 @@
-"""An image file becomes an (H, W, 4) array: PNG, JPEG or WebP, upright, at most 64 Mpx, its longer side at most 1600 px.
+"""An image file becomes an (H, W, 4) array: PNG, JPEG or WebP, upright, at most 64 Mpx, its longer side at
+most 1600 px.
 
-The size is read from the header before a single pixel is decoded, so a file that claims 40,000 x 40,000 is refused
-at once. Rows run downwards; colours are sRGB, 8 bits, alpha not premultiplied.
+The size is read from the header before a single pixel is decoded, so a file that claims 40,000 x 40,000 is
+refused at once. Rows run downwards; colours are sRGB, 8 bits, alpha not premultiplied.
 """
 
 import warnings

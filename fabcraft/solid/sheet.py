@@ -32,6 +32,9 @@ MOST_EXTRA_MM = 15.0
 PUSH_MARGIN_MM = 0.05
 """How much further than needed the medial surface is pushed, against the sag of its facets."""
 
+HOLE_EDGE_MM = 1.0
+"""The edges of holes are rounded over about this much: straps and fingers run over them."""
+
 # How far the body's distance inside a face may lie below what its corners say.
 _SAG_MM = 0.25
 
@@ -47,6 +50,8 @@ class SheetSide:
     """Height added on the side that the face normals look to."""
     inner_mm: PerPoint | None = None
     """Height added on the other side."""
+    hole_mm: PerPoint | None = None
+    """Signed distance to what is cut out of the wall, negative in the hole, for any point of space."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +144,8 @@ class WallField:
         value = distances - self.half_mm
         if self.side.outer_mm or self.side.inner_mm:
             value -= self._extra(points - places, distances, corners, weights)
+        if self.side.hole_mm:
+            value = _rounded_maximum(value, -self.side.hole_mm(points), HOLE_EDGE_MM)
         if self.keep is not None:
             self._cut(value, points, distances, (self._room[corners] * weights).sum(1))
         return value
@@ -170,6 +177,12 @@ class WallField:
         inside = may_be_inside[self.keep.body.inside(points[near[may_be_inside]])]
         body[inside] *= -1
         value[near] = np.maximum(value[near], clearance - body)
+
+
+def _rounded_maximum(one: np.ndarray, other: np.ndarray, radius: float) -> np.ndarray:
+    """The larger of two fields, its crease rounded over about `radius`."""
+    blend = np.maximum(radius - np.abs(one - other), 0.0)
+    return np.maximum(one, other) + blend * blend / (4.0 * radius)
 
 
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
 from fabcraft.solid.sheet import SheetSide
+from fabcraft.solid.slots import StrapSlot
 from fabcraft.solid.thicken import SolidResult, SolidSettings, solidify
 from fabcraft.template.template import Template
 
@@ -22,13 +23,21 @@ PAD_SKIRT_MM = 9.0
 PAD_LIMIT_MM = 13.0
 """A gap deeper than this is left open; from 3 mm less the pad thins out."""
 
+PAD_ROOM_MM = 11.0
+"""From this far inside every rim on, a pad has its full height."""
+
 
 def shell(
-    sheet: Mesh, template: Template, relief: Relief, body: SurfaceDistance, settings: SolidSettings
+    sheet: Mesh,
+    template: Template,
+    relief: Relief,
+    body: SurfaceDistance,
+    settings: SolidSettings,
+    slots: tuple[StrapSlot, ...] = (),
 ) -> SolidResult:
     """The closed object around a fitted sheet (mm, faces to the viewer).
 
-    Raises `SolidError` when no closed manifold comes out.
+    slots : cut through the wall, see `strap_slots`.  Raises `SolidError` when no closed manifold comes out.
     """
     matrix, faces = loop_matrix(sheet.faces, len(sheet.vertices))
     # Loop's limit surface has no facets; its rim is a cubic spline through almost the same contour
@@ -52,7 +61,11 @@ def shell(
     def clearance_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         return front.at(front.clearance, points[:, [0, 2]])
 
-    return solidify(fine, settings, body, SheetSide(outer_mm, inner_mm), clearance_mm)
+    def hole_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
+        return np.min([slot.distance(points[:, [0, 2]]) for slot in slots], axis=0)
+
+    side = SheetSide(outer_mm, inner_mm, hole_mm if slots else None)
+    return solidify(fine, settings, body, side, clearance_mm)
 
 
 def _pads(template: Template, relief: Relief) -> Float64[np.ndarray, "H W"]:
@@ -63,7 +76,7 @@ def _pads(template: Template, relief: Relief) -> Float64[np.ndarray, "H W"]:
     x, z = front.plane.centres()
     inside = relief.room_at(np.column_stack([x.ravel(), z.ravel()])).reshape(x.shape)
     # a pad that reached a rim would show beside it, or narrow the view through an opening
-    return smoothstep(1.4 * skirt - 0.1) * smoothstep((inside - 3.0) / 8.0)
+    return smoothstep(1.4 * skirt - 0.1) * smoothstep((inside - 3.0) / (PAD_ROOM_MM - 3.0))
 
 
 def smoothstep(share: Float64[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:

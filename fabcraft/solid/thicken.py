@@ -32,6 +32,7 @@ from fabcraft.solid.thin import thin_medial
 
 _MOST_NODES = 120e6
 _FINEST_MM = 0.05
+_CHORD_MM = 0.03
 _REFINED_MM = 4.0
 
 
@@ -131,17 +132,17 @@ def solidify(
         "specks": float(specks),
         "simplify_mm": tolerance,
     }
-    return SolidResult(mesh, tuple(notes), numbers | _verified(mesh, keep, settings.simplify_mm))
+    return SolidResult(mesh, tuple(notes), numbers | _verified(mesh, keep, settings.simplify_mm + _CHORD_MM))
 
 
 def _keep_out(
     settings: SolidSettings, body: SurfaceDistance | None, clearance_mm: float | PerPoint | None
 ) -> KeepOut | None:
-    """The body with its clearance, enlarged by what simplification may take from it."""
+    """The body with its clearance, enlarged by what simplification and the chords of the grid may take from it."""
     if body is None:
         return None
     wanted = settings.clearance_mm if clearance_mm is None else clearance_mm
-    spare = settings.simplify_mm
+    spare = settings.simplify_mm + _CHORD_MM
     if callable(wanted):
         return KeepOut(body, lambda points: wanted(points) + spare)
     return KeepOut(body, lambda points: np.full(len(points), wanted + spare))

@@ -1,0 +1,370 @@
+"""`fabcraft printers | bodies | templates | guidance`: what there is to choose from, what a drawing says."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from cyclopts import App, Parameter
+
+from fabcraft.cli.console import painted, result, result_json, table
+from fabcraft.cli.make import TEMPLATES, known_template
+
+Units = Literal["mm", "cm", "m", "in"]
+
+PLAIN = Parameter(negative=(), show_default=False)
+"""No --no-json beside --json; where a default matters the help names it."""
+
+printers = App("printers", help="List the printer profiles, or show one.")
+bodies = App("bodies", help="List the built-in bodies, or show one or a head scan.")
+templates = App("templates", help="List the kinds of wearable, or show one on a body.")
+for position, app in enumerate((bodies, printers, templates)):
+    app.default_parameter, app.help_epilogue, app.sort_key = PLAIN, "", 10 + position
+
+
+@printers.default
+def list_printers(*, json: bool = False) -> int:
+    """List the printer profiles.
+
+    Parameters
+    ----------
+    json
+        Print JSON.
+    """
+    from fabcraft.profile import list_profiles
+
+    found = list_profiles()
+    if json:
+        result_json([{"name": one.name, "title": one.title, "process": one.process} for one in found])
+        return 0
+    rows = [("name", "printer", "process", "build volume, mm", "wall, mm")]
+    for one in found:
+        rows.append(
+            (
+                one.name,
+                one.title,
+                one.process,
+                " x ".join(f"{side:g}" for side in one.build_mm),
+                f"{one.wall_mm:g}",
+            )
+        )
+    result(_listed(rows))
+    return 0
+
+
+@printers.command(name="show")
+def show_printer(name: str, /, *, json: bool = False) -> int:
+    """Show every number of a profile, and where it comes from.
+
+    Parameters
+    ----------
+    name
+        A name from `fabcraft printers`, or a TOML file.
+    json
+        Print JSON.
+    """
+    from fabcraft.profile import load_profile
+
+    profile = load_profile(name)
+    values = {entry.name: getattr(profile, entry.name) for entry in fields(profile)}
+    if json:
+        result_json(values)
+        return 0
+    rows = []
+    for key, value in values.items():
+        if key not in ("name", "title", "notes", "sources"):
+            text = " x ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else _worded(value)
+            rows.append((key, text, profile.sources.get(key, "")))
+    lines = [painted(f"{profile.name}: {profile.title}", "bold"), "", table(rows)]
+    result("\n".join(lines + (["", profile.notes] if profile.notes else [])))
+    return 0
+
+
+@bodies.default
+def list_bodies(*, json: bool = False) -> int:
+    """List the built-in bodies.
+
+    Parameters
+    ----------
+    json
+        Print JSON.
+    """
+    from fabcraft.body.human import PRESETS, human
+    from fabcraft.body.measures import head_measures
+
+    found = {name: head_measures(human(name).part("head")) for name in PRESETS}
+    if json:
+        result_json([{"body": name, "measures": _reached(measures)} for name, measures in found.items()])
+        return 0
+    keys = ("head_circumference", "head_breadth", "head_length", "menton_sellion")
+    rows = [("name", *(f"{key.replace('_', ' ')}, mm" for key in keys))]
+    rows += [(name, *(f"{measures[key]:.0f}" for key in keys)) for name, measures in found.items()]
+    scans = "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
+    result(f"{_listed(rows)}\n\n{scans}")
+    return 0
+
+
+@bodies.command(name="show")
+def show_body(
+    body: str, /, *, units: Units | None = None, picture: str | None = None, json: bool = False
+) -> int:
+    """Show a body's measures and landmarks.
+
+    Parameters
+    ----------
+    body
+        man, woman, child, or the file of a head scan.
+    units
+        Unit of the scan; proposed from its size when left out.
+    picture
+        Also write a picture of the head with its landmarks (.png).
+    json
+        Print JSON.
+    """
+    from fabcraft.body.measures import head_measures
+
+    if picture is not None:
+        _require_png(picture, [body])
+    from fabcraft.pipeline import find_body
+
+    whole = find_body(body, units or "")
+    person = whole.part("head") if whole.kind == "human" else whole
+    told: dict[str, Any] = {
+        "body": whole.name,
+        "kind": whole.kind,
+        "size_mm": _rounded(whole.mesh.size_mm),
+        "measures": _reached(head_measures(person)),
+        "landmarks": {name: _rounded(point) for name, point in person.landmarks.items()},
+        "regions": sorted(person.regions),
+        "notes": list(person.notes),
+    }
+    if picture is not None:
+        from fabcraft.outputs import body_picture
+
+        told["files"] = _written_png(picture, body_picture(person))
+    if json:
+        result_json(told)
+        return 0
+    lines = [
+        painted(f"{whole.name}: {' x '.join(f'{side:.0f}' for side in told['size_mm'])} mm", "bold"),
+        "",
+    ]
+    lines += [
+        table(
+            [(name.replace("_", " "), f"{one['reached']:.0f} mm") for name, one in told["measures"].items()]
+        ),
+        "",
+    ]
+    rows = [("landmark, mm", "x", "y", "z")]
+    rows += [(name, *(f"{one:.1f}" for one in point)) for name, point in told["landmarks"].items()]
+    lines += [_listed(rows), *(["", *person.notes] if person.notes else []), *_wrote(told)]
+    result("\n".join(lines))
+    return 0
+
+
+@templates.default
+def list_templates(*, json: bool = False) -> int:
+    """List the kinds of wearable.
+
+    Parameters
+    ----------
+    json
+        Print JSON.
+    """
+    if json:
+        result_json([{"template": name} for name in TEMPLATES])
+    else:
+        result("mask  before the face, with two eye openings; rests on forehead, cheekbones and nose bridge")
+    return 0
+
+
+@templates.command(name="show")
+def show_template(
+    name: str, /, *, body: str = "man", body_units: Units | None = None, json: bool = False
+) -> int:
+    """Show a template as it lies on a body, before anything shapes it.
+
+    Parameters
+    ----------
+    name
+        mask.
+    body
+        man, woman, child, or the file of a head scan.
+    body_units
+        Unit of the scan; proposed from its size when left out.
+    json
+        Print JSON.
+    """
+    known_template(name)
+    from fabcraft.pipeline import find_body
+    from fabcraft.template.mask import mask
+
+    template = mask(find_body(body, body_units or ""))
+    told = {
+        "template": template.name,
+        "body": template.body.name,
+        "faces": len(template.mesh.faces),
+        "genus": template.genus,
+        "rims": len(template.rims),
+        "size_mm": _rounded(template.mesh.size_mm),
+        "wall_mm": template.wall_mm,
+        "rests_on": list(template.contacts),
+        "notes": list(template.body.notes),
+    }
+    if json:
+        result_json(told)
+        return 0
+    rows = [(key.replace("_", " "), _worded(value)) for key, value in told.items() if value != []]
+    result(table(rows))
+    return 0
+
+
+def guidance(
+    file: str,
+    /,
+    *,
+    template: str = "mask",
+    body: str = "man",
+    body_units: Units | None = None,
+    show_input: str | None = None,
+    json: bool = False,
+) -> int:
+    """Tell what is understood of a drawing or a mesh, without making anything.
+
+    Examples:
+
+      fabcraft guidance cat.png --show-input understood.png
+      fabcraft guidance bust.stl --body woman --json
+
+    Parameters
+    ----------
+    file
+        A picture of a line drawing, or a mesh to look like.
+    template
+        mask.
+    body
+        man, woman, child, or the file of a head scan.
+    body_units
+        Unit of the scan; proposed from its size when left out.
+    show_input
+        Also write a picture of what was understood of a drawing (.png).
+    json
+        Print JSON.
+    """
+    known_template(template)
+    if show_input is not None:
+        _require_png(show_input, [file, body])
+    from fabcraft.read.mesh_file import FORMATS
+
+    if Path(file).suffix.lower().removeprefix(".") in FORMATS:
+        told = _of_mesh(file, body, body_units)
+    else:
+        told = _of_drawing(file, body, body_units, show_input)
+    if json:
+        result_json(told)
+        return 0
+    lines = [*told["route"], told["understood"]]
+    lines += [painted("warn", "warn") + f" {text}" for text in told["warnings"]]
+    lines += [painted("note", "note") + f" left out: {text}" for text in told["residual"]]
+    result("\n".join([*lines, *_wrote(told)]))
+    return 0
+
+
+def _of_drawing(file: str, body: str, units: str | None, picture: str | None) -> dict[str, Any]:
+    from fabcraft.guidance.edges import understand
+    from fabcraft.guidance.placement import place
+    from fabcraft.guidance.show import picture_of
+    from fabcraft.pipeline import find_body
+    from fabcraft.read.image_file import read_image
+    from fabcraft.template.mask import mask
+
+    drawing = understand(read_image(file))
+    placed = place(drawing, mask(find_body(body, units or "")))
+    width, height = np.ptp(placed.outline, axis=0)
+    by = "eyes" if placed.by_eyes else "outline"
+    counts = f"{len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
+    told = {
+        "route": [
+            f"sketch {Path(file).name}, {drawing.width} x {drawing.height} pixels",
+            f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm",
+        ],
+        "understood": f"an outline, {counts}",
+        "outline_closed": drawing.outline_closed,
+        "holes": len(placed.openings) + len(drawing.holes),
+        "strokes": len(drawing.strokes),
+        "residual": list(drawing.dropped),
+        "warnings": [*drawing.warnings, *placed.notes],
+    }
+    return told | ({} if picture is None else {"files": _written_png(picture, picture_of(drawing))})
+
+
+def _of_mesh(file: str, body: str, units: str | None) -> dict[str, Any]:
+    from fabcraft.guidance.placement import PlacementSettings
+    from fabcraft.guidance.target import target_relief
+    from fabcraft.pipeline import find_body
+    from fabcraft.read.mesh_file import read_mesh
+    from fabcraft.template.mask import mask
+
+    mesh = read_mesh(file)
+    relief, said = target_relief(mesh, mask(find_body(body, units or "")), PlacementSettings())
+    width, height = np.ptp(relief.outline, axis=0)
+    return {
+        "route": [
+            f"guidance mesh {Path(file).name}, {len(mesh.faces):,} faces",
+            f"placed: {width:.0f} x {height:.0f} mm",
+        ],
+        "understood": f"an outline, {len(relief.openings)} openings",
+        "outline_closed": True,
+        "holes": len(relief.openings),
+        "strokes": 0,
+        "residual": [],
+        "warnings": list(said),
+    }
+
+
+def _require_png(place: str, inputs: list[str]) -> None:
+    from fabcraft.errors import InputError
+    from fabcraft.outputs import require_places
+
+    if Path(place).suffix.lower() != ".png":
+        raise InputError(f"cannot write {place}: pictures are written as PNG", "End the name in .png.")
+    require_places([place], inputs)
+
+
+def _written_png(place: str, image: np.ndarray) -> list[str]:
+    from fabcraft.outputs import write_together
+    from fabcraft.write.atomic import write_atomically
+    from fabcraft.write.picture import png_bytes
+
+    write_together([(Path(place), lambda: write_atomically(place, png_bytes(image)))])
+    return [place]
+
+
+def _wrote(told: dict[str, Any]) -> list[str]:
+    return ["", *(f"wrote {file}" for file in told["files"])] if "files" in told else []
+
+
+def _listed(rows: Sequence[tuple[str, ...]]) -> str:
+    """A table whose first row is its heading."""
+    heading, _, rest = table(rows).partition("\n")
+    return f"{painted(heading, 'dim')}\n{rest}"
+
+
+def _reached(measures: Any) -> dict[str, dict[str, Any]]:
+    return {name: {"reached": round(value, 1), "unit": "mm"} for name, value in measures.items()}
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(value), 2) for value in values]
+
+
+def _worded(value: Any) -> str:
+    """A value as a person writes it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return (" x " if all(isinstance(one, float) for one in value) else ", ").join(
+            _worded(one) for one in value
+        )
+    return f"{value:g}" if isinstance(value, float) else str(value)

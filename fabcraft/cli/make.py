@@ -1,0 +1,167 @@
+"""`fabcraft make`: a recipe, from flags or a file, becomes an object with its report, page and pictures."""
+
+import math
+from dataclasses import asdict, dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from fabcraft.cli.console import Progress, result, say, show_report
+from fabcraft.errors import InputError
+
+if TYPE_CHECKING:
+    from fabcraft.recipe import Recipe
+
+TEMPLATES = ("mask",)
+Units = Literal["mm", "cm", "m", "in"]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Flags:
+    """What can be said about an object; what is left out is the recipe file's, or the default."""
+
+    sketch: str | None = None
+    """Picture of a line drawing: PNG, JPEG or WebP."""
+    guidance: str | None = None
+    """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    body: str | None = None
+    """Who wears it: man, woman, child, or the file of a head scan. [default: man]"""
+    body_units: Units | None = None
+    """Unit of the scan; proposed from its size when left out."""
+    printer: str | None = None
+    """Printer profile: a name from `fabcraft printers`, or a TOML file. [default: prusa-mk4]"""
+    output: Annotated[
+        tuple[str, ...], Parameter(name=("--output", "-o"), show_default=False, negative=())
+    ] = ()
+    """File to write, again for more: .3mf, .stl, .glb or .ply. Report, page and pictures go beside the
+    first."""
+    preset: Literal["draft", "standard"] | None = None
+    """How patiently to fit and how finely to build. [default: standard]"""
+    seed: int | None = None
+    """Of everything random. [default: 0]"""
+    wall: float | None = None
+    """Wall thickness in mm. [default: the template's, or the printer's if that is more]"""
+    title: str | None = None
+    """What slicers and the page call it. [default: the output's name]"""
+    scale: float | None = None
+    """Size of the drawing over the size that fabcraft would choose (0.5-2)."""
+    up: float | None = None
+    """Shift of the drawing upwards, mm."""
+    left: float | None = None
+    """Shift of the drawing towards the wearer's left, mm."""
+    swell: float | None = None
+    """Height of the cushion that the drawing becomes over its half width; 0 is flat. [default: 0.26]"""
+    swell_limit: float | None = None
+    """The cushion stays lower than this, mm. [default: 11]"""
+    stroke_height: float | None = None
+    """Height of the beads that strokes become, mm. [default: 1.2]"""
+    stroke_width: float | None = None
+    """Least width of a bead, mm. [default: 1.8]"""
+    region_height: float | None = None
+    """Height of the cushion that a drawn region (a nose) becomes, mm. [default: 2.2]"""
+    rim_height: float | None = None
+    """Height of the bead along the outline and around the openings, mm; 0 for none. [default: 0.8]"""
+    pictures: Annotated[bool | None, Parameter(negative="--no-pictures", show_default=False)] = None
+    """Also write the report, the page and the pictures."""
+
+
+_NO_FLAGS = Flags()
+_PLACES = {
+    "wall": ("", "wall_mm"),
+    "scale": ("placement", "scale"),
+    "up": ("placement", "up_mm"),
+    "left": ("placement", "left_mm"),
+    "swell": ("inflate", "swell"),
+    "swell_limit": ("inflate", "swell_limit_mm"),
+    "stroke_height": ("inflate", "stroke_height_mm"),
+    "stroke_width": ("inflate", "stroke_width_mm"),
+    "region_height": ("inflate", "region_height_mm"),
+    "rim_height": ("inflate", "rim_height_mm"),
+}
+"""Flags that have another name, or live in a table, in a recipe."""
+
+
+def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: bool = False) -> int:
+    """Make a wearable from a drawing (or a mesh to look like), a body and a printer.
+
+    Examples:
+
+      fabcraft make mask --sketch cat.png --body woman -o cat.3mf
+      fabcraft make mask --sketch cat.png --preset draft -o cat.3mf -o cat.stl
+      fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
+      fabcraft make cat.toml --wall 3
+
+    Ctrl-C while it fits keeps the best so far and writes that.
+
+    Parameters
+    ----------
+    what
+        A template (mask), or a recipe file (.toml) whose settings any flag overrides.
+    json
+        Print the report as JSON, and nothing else, on stdout.
+    quiet
+        No progress on stderr.
+    """
+    recipe = recipe_from(what, flags)
+    if not recipe.output:
+        raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
+    from fabcraft.outputs import require_outputs, write_all
+
+    require_outputs(recipe, what if _is_recipe(what) else "")
+    from fabcraft import pipeline
+
+    with Progress(quiet) as progress:
+        made = pipeline.make(recipe, progress.tell)
+        report = replace(made.report, files=write_all(made, progress.tell))
+    if made.interrupted:
+        say("interrupted: the best so far was written")
+    if json:
+        result(report.to_json().rstrip("\n"))
+    else:
+        show_report(report, made.profile.title)
+    return 130 if made.interrupted else int(not report.printable)
+
+
+def recipe_from(what: str, flags: Flags) -> "Recipe":
+    """The recipe of a template's name or a recipe file, with the flags over it.
+
+    Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
+    """
+    if not _is_recipe(what):
+        known_template(what)
+    given = {key: value for key, value in asdict(flags).items() if value is not None and value != ()}
+    for key, value in given.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(
+                f"--{key.replace('_', '-')} {value} is not a finite number", "Give a number such as 1.5."
+            )
+    from fabcraft.recipe import Recipe, read_recipe
+
+    recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)  # type: ignore[arg-type]
+    if ("sketch" in given) != ("guidance" in given):  # the one given takes the place of the file's other one
+        given = {"sketch": "", "guidance": "", **given}
+    tables: dict[str, dict[str, Any]] = {}
+    for flag, value in given.items():
+        table, key = _PLACES.get(flag, ("", flag))
+        tables.setdefault(table, {})[key] = value
+    changes = tables.pop("", {})
+    changes |= {table: replace(getattr(recipe, table), **values) for table, values in tables.items()}
+    return replace(recipe, **changes)
+
+
+def known_template(name: str) -> str:
+    """`name`, when it is a template.  Raises `InputError` with the ones that come close."""
+    if name in TEMPLATES:
+        return name
+    close = get_close_matches(name, TEMPLATES, n=1)
+    raise InputError(
+        f"there is no template called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
+        f"Templates: {', '.join(TEMPLATES)}. A recipe file ends in .toml.",
+    )
+
+
+def _is_recipe(what: str) -> bool:
+    return Path(what).suffix.lower() == ".toml"

@@ -1,0 +1,244 @@
+"""Which way a guidance mesh faces, and what is seen of it from the front.
+
+Axis conventions of mesh files differ, so all 24 rotations that map axes onto axes are tried: what is visible from the
+front of each is brought onto the placed template by a similarity (trimmed ICP, scale within 0.5-2 of the ratio of the
+boxes). The one that is left with the least residual is taken; where two holes can be eyes, half of the residual is the
+distance to the template's surface with these eyes over the wearer's. Among near equals the more usual axes stand. Few shapes follow the face closely enough for the ICP to tell a small tilt from the shape itself,
+so a turn below 15 degrees is not taken over.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+from scipy.ndimage import binary_fill_holes, label, sum_labels
+
+from fabcraft.errors import InputError
+from fabcraft.geometry.align import Similarity, axis_rotations, similarity_icp, spread_points
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.raster import rasterize, silhouette_mask
+from fabcraft.mesh import Mesh
+from fabcraft.template.template import Template
+
+WORST_RESIDUAL = 0.15
+_TURN_DEG = 15.0
+_NO_EYES = 1.5  # a direction without eyes must suit that much better than one with eyes
+_DOUBT = (1.0, 1.0, 1.05, 1.05, 1.25)  # by how unusual the axes are
+_TIE = 1.05
+_MOST_HOLES = 12
+_HOLE_MM2 = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """A guidance mesh turned to the viewer and brought to about its place and size."""
+
+    mesh: Mesh
+    """mm, z up, seen from -y, near the template."""
+    residual: float
+    """Root mean square of what the trimmed ICP left, over the template's longest side."""
+    turned: Float64[np.ndarray, "3 3"]
+    """Rotation from the axes of the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """The largest piece of a mesh in the front view."""
+
+    plane: Plane
+    coverage: Float32[np.ndarray, "H W"]
+    """Share of every pixel that is covered, all pieces."""
+    shape: Bool[np.ndarray, "H W"]
+    """The largest piece, its holes filled."""
+    holes: tuple[Bool[np.ndarray, "H W"], ...]
+    """Holes of more than 30 mm² in that piece, largest first."""
+    dropped_mm2: float
+    """Area of the other pieces."""
+
+
+def faced(mesh: Mesh, template: Template) -> Facing:
+    """`mesh`, of any scale, up axis and facing, in front of the template's body.
+
+    Raises `InputError` for a mesh without a surface, and for one that resembles the template in no direction.
+    """
+    mesh = _of_usual_size(mesh)
+    views: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+    found: list[tuple[float, np.ndarray]] = []
+    for rotation in sorted(axis_rotations(), key=_unusual):
+        away = rotation[1].tobytes()
+        if away not in views:
+            views[away] = _seen(mesh, rotation)
+        points, normals = views[away]
+        if len(points) >= 50:
+            points, normals = points @ rotation.T, normals @ rotation.T
+            pose = _brought(points, normals, template, 15, 300)
+            placed = _moved(mesh, _upright(pose, points), rotation)
+            score = _score(pose, placed, _upright(pose, points).points(points), template) * _DOUBT[_unusual(rotation)]
+            found.append((score, rotation))
+    if not found:
+        raise InputError("the guidance mesh shows no surface from any side", "Give a mesh of at least a mask's front.")
+    least = min(score for score, _ in found)
+    rotation = next(rotation for score, rotation in found if score <= _TIE * least)
+    points, normals = views[rotation[1].tobytes()]
+    points = points @ rotation.T
+    pose = _brought(points, normals @ rotation.T, template, 40, 1200)
+    residual = pose.rms / _longest(template.mesh)
+    if not residual <= WORST_RESIDUAL:
+        raise InputError(
+            f"the guidance mesh does not resemble a mask from any side: it misses the template by {100 * residual:.0f} % "
+            f"of its size, at most {100 * WORST_RESIDUAL:.0f} % was expected",
+            "Turn it so that its front looks along -y with +z up, and cut off what is not the mask.",
+        )
+    pose = _upright(pose, points)
+    return Facing(_moved(mesh, pose, rotation), residual, pose.rotation @ rotation)
+
+
+def silhouette(mesh: Mesh, pixel_mm: float) -> Silhouette:
+    """The front view of a mesh in mm.  Raises `InputError` when nothing is seen."""
+    xz = mesh.vertices[:, [0, 2]]
+    plane = Plane.around(xz, pixel_mm, 6.0 * pixel_mm)
+    coverage = silhouette_mask(plane.to_pixels(xz), mesh.faces, plane.width, plane.height)
+    pieces, count = label(coverage >= 0.5, np.ones((3, 3)))
+    if count == 0:
+        raise InputError("the guidance mesh shows no surface from the front", "Give a mesh of a mask's front.")
+    areas = sum_labels(np.ones_like(pieces), pieces, np.arange(1, count + 1)) * pixel_mm**2
+    largest = pieces == 1 + int(areas.argmax())
+    shape = binary_fill_holes(largest)
+    gaps, count = label(shape & ~largest)
+    sizes = sum_labels(np.ones_like(gaps), gaps, np.arange(1, count + 1)) * pixel_mm**2 if count else np.zeros(0)
+    order = [int(i) for i in np.argsort(-sizes, kind="stable") if sizes[i] > _HOLE_MM2]
+    return Silhouette(
+        plane, coverage, shape, tuple(gaps == 1 + i for i in order), float(areas.sum() - areas.max())
+    )
+
+
+def eye_pair(seen: Silhouette, template: Template) -> tuple[int, int] | None:
+    """Indices of the two holes that are the eyes, the wearer's right one first; None where no two holes can be.
+
+    Two holes can be eyes that lie level, are alike in size, 0.45-1.9 of the wearer's eye distance apart and on either side
+    of the middle of the shape; of several pairs the one most alike and nearest to the wearer's eyes is taken.
+    """
+    eyes = _eyes(template)
+    apart = float(np.linalg.norm(eyes[1] - eyes[0]))
+    middle = _centre(seen.shape, seen.plane)[0]
+    centres = [_centre(hole, seen.plane) for hole in seen.holes[:_MOST_HOLES]]
+    best, least = None, np.inf
+    for i, right in enumerate(centres):
+        for j, left in enumerate(centres):
+            across, up = left - right
+            if not 0.45 * apart < across < 1.9 * apart or abs(up) > 0.35 * across:
+                continue
+            sizes = seen.holes[i].sum() / seen.holes[j].sum()
+            between = 0.5 * (left + right)
+            if not 1.0 / 3.5 < sizes < 3.5 or abs(between[0] - middle) > 0.35 * across:
+                continue
+            unlike = abs(np.log(sizes)) + abs(np.log(across / apart)) + abs(up) / across
+            cost = unlike + float(np.linalg.norm(between - eyes.mean(0))) / apart
+            if cost < least:
+                best, least = (i, j), cost
+    return best
+
+
+def _eyes(template: Template) -> np.ndarray:
+    """(2, 2) x and z of the wearer's right and left eye, mm."""
+    return np.stack([template.body.landmarks[name][[0, 2]] for name in ("eye_right", "eye_left")])
+
+
+def _centre(region: np.ndarray, plane: Plane) -> np.ndarray:
+    rows, columns = np.nonzero(region)
+    return plane.to_mm(np.array([[columns.mean() + 0.5, rows.mean() + 0.5]]))[0]
+
+
+def _of_usual_size(mesh: Mesh) -> Mesh:
+    """The mesh about its centre, 200 mm long.  Raises `InputError` where it has no surface."""
+    if len(mesh.faces) == 0:
+        raise InputError("the guidance mesh has no faces", "Check that the file holds a surface and not only points.")
+    points = mesh.vertices[np.unique(mesh.faces)]
+    lower, upper = points.min(0), points.max(0)
+    longest = float((upper - lower).max())
+    scale = 200.0 / longest if longest > 0.0 else 0.0
+    sized = Mesh((mesh.vertices - 0.5 * (lower + upper)) * scale, mesh.faces, mesh.name)
+    if sized.area_mm2 < 400.0:  # a hundredth of the square of that length
+        raise InputError("the guidance mesh has next to no surface", "Give a mesh with the area of a mask's front.")
+    return sized
+
+
+def _unusual(rotation: np.ndarray) -> int:
+    """How unusual the axes are that a rotation supposes: z up and facing -y, y up and facing z, z up, y up, others."""
+    up, away = rotation[2], rotation[1]
+    if up[2] == 1.0:
+        return 0 if away[1] == 1.0 else 2
+    if up[1] == 1.0:
+        return 1 if away[2] == -1.0 else 3
+    return 4
+
+
+def _seen(mesh: Mesh, rotation: np.ndarray, pixels: int = 72) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals (towards the viewer) of what is visible after the rotation, in the axes of the mesh."""
+    turned = mesh.vertices @ rotation.T
+    xz = turned[:, [0, 2]]
+    plane = Plane.around(xz, float(np.ptp(xz, axis=0).max()) / pixels, 0.0)
+    if min(plane.width, plane.height) < 1:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    raster = rasterize(np.column_stack([plane.to_pixels(xz), turned[:, 1]]), mesh.faces, plane.width, plane.height)
+    hit = raster.face_id >= 0
+    x, z = plane.centres()
+    points = np.column_stack([x[hit], raster.depth[hit].astype(np.float64), z[hit]])
+    normals = mesh.face_normals[raster.face_id[hit]] @ rotation.T
+    normals = np.where(normals[:, 1:2] > 0.0, -normals, normals)
+    return points @ rotation, normals @ rotation
+
+
+def _brought(
+    points: np.ndarray, normals: np.ndarray, template: Template, iterations: int, count: int
+) -> Similarity:
+    """The similarity from visible points to the template's sheet."""
+    goal, goal_normals = template.mesh.vertices, template.mesh.vertex_normals
+    some, few = spread_points(goal, count), spread_points(points, count)
+    goal, goal_normals, points, normals = goal[some], goal_normals[some], points[few], normals[few]
+    size, goal_size = np.ptp(points, axis=0), np.ptp(goal, axis=0)
+    ratio = float(np.hypot(*goal_size[[0, 2]]) / np.hypot(*size[[0, 2]]))
+    shift = 0.5 * (goal.min(0) + goal.max(0)) - ratio * 0.5 * (points.min(0) + points.max(0))
+    shift[1] = np.median(goal[:, 1]) - ratio * np.median(points[:, 1])
+    start = Similarity(ratio, np.eye(3), shift)
+    return similarity_icp(
+        points, goal, normals, goal_normals, start, iterations, scale_range=(0.5 * ratio, 2.0 * ratio)
+    )
+
+
+def _score(pose: Similarity, placed: Mesh, points: np.ndarray, template: Template) -> float:
+    """How badly a candidate suits: what the ICP left, and how far it stands from the template's surface when its eyes, if
+    it has any, are laid over the wearer's; more where the ICP turned far, since another candidate starts nearer.
+    """
+    residual = pose.rms / _longest(template.mesh) * (1.0 + max(0.0, _turn_deg(pose) - _TURN_DEG) / 45.0)
+    seen = silhouette(placed, 1.0)
+    pair = eye_pair(seen, template)
+    if pair is None:
+        return _NO_EYES * residual
+    right, left = (_centre(seen.holes[index], seen.plane) for index in pair)
+    eyes = _eyes(template)
+    scale = float((eyes[1] - eyes[0])[0] / (left - right)[0])
+    xz = eyes.mean(0) + (points[:, [0, 2]] - 0.5 * (right + left)) * scale
+    gap = template.front.base_at(xz) + points[:, 1] * scale
+    gap = np.sort(np.abs(gap - np.median(gap)))[: int(0.75 * len(gap))]
+    return 0.5 * (residual + float(np.sqrt((gap**2).mean())) / _longest(template.mesh))
+
+
+def _upright(pose: Similarity, points: np.ndarray) -> Similarity:
+    """The pose without a small turn; the middle of the visible points stays where it was."""
+    if _turn_deg(pose) >= _TURN_DEG:
+        return pose
+    middle = points.mean(0)
+    return Similarity(pose.scale, np.eye(3), pose.points(middle[None])[0] - pose.scale * middle, pose.rms)
+
+
+def _moved(mesh: Mesh, pose: Similarity, rotation: np.ndarray) -> Mesh:
+    return mesh.with_vertices(pose.points(mesh.vertices @ rotation.T))
+
+
+def _turn_deg(pose: Similarity) -> float:
+    return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(pose.rotation) - 1.0), -1.0, 1.0))))
+
+
+def _longest(mesh: Mesh) -> float:
+    return float(mesh.size_mm.max())

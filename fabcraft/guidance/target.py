@@ -1,0 +1,218 @@
+"""From a guidance mesh to a relief: a mesh, turned to face the viewer, is a drawing with heights.
+
+Its silhouette takes the place of the drawn outline and its eye holes that of the drawn eyes, so that it is sized and laid
+on the face by the same rules (`placement`). Its front heights become the relief: waves longer than about 1.5 mm the sheet,
+the rest, as far as it stands out, the detail. Along the view the mesh comes to rest on the template's floor.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
+
+from fabcraft.errors import InputError
+from fabcraft.geometry.contour import level_contours, smooth
+from fabcraft.geometry.heights import front_heights, lifted_over, smoothest_over
+from fabcraft.geometry.plane import Plane
+from fabcraft.guidance.drawing import Drawing
+from fabcraft.guidance.facing import Silhouette, eye_pair, faced, silhouette
+from fabcraft.guidance.inflate import Relief, solid_mask
+from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, place
+from fabcraft.guidance.symmetry import mirror_axis
+from fabcraft.mesh import Mesh
+from fabcraft.template.template import Template
+
+BEHIND_MM = 60.0
+"""What lies further behind the template's surface belongs to the back of a helmet, not to a mask."""
+DETAIL_LIMIT_MM = 3.0
+_FINE_MM = 1.5  # waves shorter than about this are detail
+_STEEP = 2.2  # a steeper flank has too few pixels to be a height field; the sheet goes on smoothly instead
+_NOTABLE_MM2 = 80.0
+
+
+def target_relief(
+    mesh: Mesh, template: Template, settings: PlacementSettings | None = None
+) -> tuple[Relief, tuple[str, ...]]:
+    """The relief that a guidance mesh asks for, and what was made of it, in sentences.
+
+    mesh : any scale, up axis and facing; open, closed, a double shell or several pieces.
+    Raises `InputError` for a mesh without a surface, one that resembles no mask, and one without room for the eyes.
+    """
+    settings = settings or PlacementSettings()
+    if "eye_left" not in template.body.landmarks:
+        raise InputError(f"body {template.body.name} has no eyes to place a mask by", "Use a head.")
+    facing = faced(mesh, template)
+    notes = [
+        f"The guidance mesh was {_turn(facing.turned)}; it misses the template by "
+        f"{100.0 * facing.residual:.1f} % of its size."
+    ]
+    front = _front_part(facing.mesh, template, notes)
+    seen = silhouette(front, float(np.ptp(front.vertices[:, [0, 2]], axis=0).max()) / 900.0)
+    drawing = _drawing(seen, template, notes)
+    placed = place(drawing, template, settings)
+    heights, fine = _heights(front, drawing, placed, seen.plane)
+    soft, detail = _split(heights, fine)
+    sheet, plane = _sheet(soft, fine, placed.outline)
+    height = _rested(sheet, np.isfinite(sheet), plane, template, notes)
+    return Relief(placed.outline, placed.openings, plane, height, fine, detail), (*notes, *placed.notes)
+
+
+def _turn(rotation: np.ndarray) -> str:
+    """The turn in words."""
+    angle = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
+    if angle < 0.5:
+        return "left as it stands"
+    names = np.array([["-x", "x"], ["-y", "y"], ["-z", "z"]])
+
+    def axis(direction: np.ndarray) -> str:
+        most = int(np.abs(direction).argmax())
+        about = "" if abs(direction[most]) > 0.999 else "about "
+        return about + str(names[most, int(direction[most] > 0)])
+
+    return f"turned (its up is {axis(rotation[2])}, its front {axis(-rotation[1])})"
+
+
+def _front_part(mesh: Mesh, template: Template, notes: list[str]) -> Mesh:
+    """The mesh without what lies far behind the template's surface."""
+    behind = template.front.base_at(mesh.vertices[:, [0, 2]]) + mesh.vertices[:, 1] > BEHIND_MM
+    keep = ~behind[mesh.faces].all(1)
+    if keep.all() or not keep.any():
+        return mesh
+    notes.append(f"What lies more than {BEHIND_MM:.0f} mm behind the front of the guidance mesh was left out.")
+    return mesh.submesh(keep)
+
+
+def _drawing(seen: Silhouette, template: Template, notes: list[str]) -> Drawing:
+    """The front view as if it had been drawn: outline and eyes, without strokes."""
+    pixel_mm = seen.plane.pixel_mm
+    field = np.where(binary_dilation(seen.shape, np.ones((3, 3)), 2), seen.coverage, 0.0)
+    outline = _contour(np.where(seen.shape & (field < 0.5), 1.0, field), pixel_mm)
+    pair = eye_pair(seen, template)
+    if seen.dropped_mm2 > _NOTABLE_MM2:
+        notes.append(f"Pieces apart from the largest one were left out ({seen.dropped_mm2:.0f} mm² seen from the front).")
+    if pair is None:
+        notes.append("The guidance mesh has no opening before each eye; the template's own openings are used.")
+    others = [hole.sum() * pixel_mm**2 for i, hole in enumerate(seen.holes) if pair is None or i not in pair]
+    closed = [area for area in others if area > _NOTABLE_MM2]
+    if closed:
+        notes.append(f"Other holes of the guidance mesh were closed: {len(closed)}, up to {max(closed):.0f} mm².")
+    eyes = tuple(
+        _contour(np.where(binary_dilation(seen.holes[i], np.ones((3, 3)), 2), 1.0 - seen.coverage, 0.0), pixel_mm)
+        for i in pair or ()
+    )
+    axis = mirror_axis(seen.shape)
+    return Drawing(
+        width=seen.plane.width,
+        height=seen.plane.height,
+        silhouette=seen.shape,
+        outline=outline,
+        eyes=eyes,
+        holes=(),
+        regions=(),
+        strokes=(),
+        stroke_width_px=1.8 / pixel_mm,
+        outline_closed=True,
+        gap_closed_px=0.0,
+        symmetry_axis_px=axis.column_px,
+        symmetry_tilt_deg=axis.tilt_deg,
+        symmetry_iou=axis.iou,
+    )
+
+
+def _contour(coverage: np.ndarray, pixel_mm: float) -> np.ndarray:
+    """The longest contour of half coverage, pixels, freed of pixel stairs."""
+    contours = level_contours(coverage, 0.5, soften=0.7)
+    if not contours:
+        raise InputError("the guidance mesh is too thin to be seen from the front", "Give a mesh of a mask's front.")
+    return smooth(contours[0], 0.8 / pixel_mm, corner_reach=3.0 / pixel_mm)
+
+
+def _heights(front: Mesh, drawing: Drawing, placed: PlacedDrawing, plane: Plane) -> tuple[np.ndarray, Plane]:
+    """Front heights, mm, of the mesh laid as its outline was, on a 0.25 mm grid; -inf outside and in holes."""
+    scale = placed.pixel_mm / plane.pixel_mm
+    # place() scales and shifts but never turns: the mean of the outline tells the shift
+    shift = placed.outline.mean(0) - plane.to_mm(drawing.outline).mean(0) * scale
+    vertices = front.vertices * scale + [shift[0], 0.0, shift[1]]
+    fine = Plane.around(placed.outline, 0.25, 3.0)
+    heights = front_heights(front.with_vertices(vertices), fine)
+    return np.where(solid_mask(placed.outline, (), fine), heights, -np.inf), fine
+
+
+def _split(
+    heights: Float64[np.ndarray, "H W"], fine: Plane
+) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
+    """Heights without waves shorter than about 1.5 mm (-inf where unknown), and what stands out of them, mm."""
+    known = np.isfinite(heights)
+    sigma = _FINE_MM / fine.pixel_mm
+    level = float(np.median(heights[known]))
+    total = gaussian_filter(np.where(known, heights - level, 0.0), sigma)
+    weight = gaussian_filter(known.astype(np.float64), sigma)
+    soft = np.where(known, level + total / np.maximum(weight, 1e-9), -np.inf)
+    detail = np.where(known, np.clip(np.where(known, heights, 0.0) - np.where(known, soft, 0.0), 0.0, DETAIL_LIMIT_MM), 0.0)
+    return soft, gaussian_filter(detail, 0.2 / fine.pixel_mm)
+
+
+def _sheet(soft: Float64[np.ndarray, "H W"], fine: Plane, outline: np.ndarray) -> tuple[np.ndarray, Plane]:
+    """The soft heights at the centres of a 1 mm grid; -inf outside, in holes, and on flanks too steep to be seen."""
+    plane = Plane.around(outline, 1.0, 12.0)
+    plane = Plane(plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2)
+    known = np.isfinite(soft)
+    filled = np.where(known, soft, 0.0)
+    down, across = np.gradient(filled, fine.pixel_mm)
+    inner = distance_transform_edt(known) > 1.0
+    gentle = known & inner & (np.hypot(down, across) < _STEEP)
+    usable = gentle if gentle.sum() > 0.5 * known.sum() else known
+    x, z = plane.centres()
+    xz = np.column_stack([x.ravel(), z.ravel()])
+    weight = fine.sample(usable.astype(np.float64), xz).reshape(x.shape)
+    total = fine.sample(np.where(usable, soft, 0.0), xz).reshape(x.shape)
+    return np.where(weight > 0.5, total / np.maximum(weight, 0.5), -np.inf), plane
+
+
+def _rested(
+    sheet: Float64[np.ndarray, "H W"],
+    known: Bool[np.ndarray, "H W"],
+    plane: Plane,
+    template: Template,
+    notes: list[str],
+) -> Float64[np.ndarray, "H W"]:
+    """The sheet everywhere: going on smoothly where it is unknown, as near the floor as it can be, never below it."""
+    x, z = plane.centres()
+    xz = np.column_stack([x.ravel(), z.ravel()])
+    front = template.front
+    floor = front.at(np.where(np.isfinite(front.floor), front.floor, -1e3), xz).reshape(x.shape)
+    core = known & (front.at(front.core.astype(np.float64), xz).reshape(x.shape) > 0.5)
+    height = _extended(sheet, known, plane)
+    if core.any():
+        # a tip of the wearer's nose may bulge the sheet, but must not hold all of it away from the face
+        shift = float(np.quantile((floor - height)[core], 0.99))
+    else:
+        shift = float(np.median((front.base_at(xz).reshape(x.shape) - height)[known]))
+    height = height + shift
+    lift = lifted_over(np.zeros_like(height), floor - height, plane.pixel_mm, 3.0)
+    if known.any() and lift[known].max() > 3.0:
+        notes.append(f"The guidance was raised by up to {lift[known].max():.0f} mm where it would touch the face.")
+    rests = core & (front.at(front.contact, xz).reshape(x.shape) > 0.5)
+    if rests.any():
+        gap = float((height + lift - floor)[rests].mean())
+        if gap > 6.0:
+            notes.append(f"The guidance stands {gap:.0f} mm before the forehead, cheekbones and nose where a mask rests.")
+    return height + lift
+
+
+def _extended(
+    sheet: Float64[np.ndarray, "H W"], known: Bool[np.ndarray, "H W"], plane: Plane
+) -> Float64[np.ndarray, "H W"]:
+    """The sheet where it is known, and the smoothest way on where it is not (solved at 2 mm)."""
+    coarse = Plane(plane.left_mm, plane.top_mm, 2.0, plane.width // 2, plane.height // 2)
+    blocks = (coarse.height, 2, coarse.width, 2)
+    count = known.reshape(blocks).sum((1, 3))
+    total = np.where(known, sheet, 0.0).reshape(blocks).sum((1, 3))
+    wanted = np.where(count > 0, total / np.maximum(count, 1), -np.inf)
+    free = np.full(wanted.shape, -np.inf)
+    smooth_way = smoothest_over(free, wanted, 0.25 * count, coarse.pixel_mm, 5.0, 60.0)
+    x, z = plane.centres()
+    way = coarse.sample(smooth_way, np.column_stack([x.ravel(), z.ravel()]), order=3).reshape(x.shape)
+    away, (rows, columns) = distance_transform_edt(~known, return_indices=True)
+    # what the smooth surface misses at the border dies out over a few millimetres, so that no step is left there
+    missed = np.where(known, sheet - way, 0.0)[rows, columns]
+    return way + missed * np.exp(-((away * plane.pixel_mm / 4.0) ** 2))
