@@ -6,6 +6,7 @@ report inside a 3MF carries no times, memory or paths, so the same recipe gives 
 """
 
 import contextlib
+import functools
 import json
 import os
 from collections.abc import Callable, Iterable
@@ -42,9 +43,11 @@ CAPTIONS = {
 }
 """Pictures by the end of their file name, in the page's order."""
 PORTRAIT = (900, 1000)
+BESIDE_BAR = (725, 1000)
+"""With the colour bar about as wide as `PORTRAIT`."""
 BELOW_CHIN_MM = 40.0
 """How much neck is in a picture of the head."""
-FIT_LIMIT_MM = 10.0
+FIT_LIMIT_MM = 20.0
 """Where the colours of the fit picture end: what rests and what floats has to be told apart."""
 NOT_IN_3MF = ("seconds", "peak_memory_bytes", "files")
 
@@ -162,12 +165,12 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
 
     jobs: list[tuple[Path, Callable[[], object]]] = []
     for path in recipe.output:
-        jobs.append((Path(path), lambda path=path: output(path)))
+        jobs.append((Path(path), functools.partial(output, path)))
     if beside:
         jobs.append((beside["report"], lambda: write_atomically(beside["report"], report.to_json().encode())))
         jobs.append((beside["page"], lambda: page(beside["page"])))
     for name, png in pictures.items():
-        jobs.append((beside[name], lambda name=name, png=png: write_atomically(beside[name], png)))
+        jobs.append((beside[name], functools.partial(write_atomically, beside[name], png)))
     write_together(jobs)
     return files
 
@@ -221,8 +224,10 @@ def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dic
         "front": lambda: on_body("front"),
         "three-quarter": lambda: on_body("three_quarter"),
         "side": lambda: on_body("side"),
-        "back": lambda: scene_picture([Item(made.object)], VIEWS["back"]),
-        "fit": lambda: penetration_map(made.object, made.clearance_mm, VIEWS["back"], limit_mm=FIT_LIMIT_MM),
+        "back": lambda: scene_picture([Item(made.object)], VIEWS["back"], PORTRAIT),
+        "fit": lambda: penetration_map(
+            made.object, made.clearance_mm, VIEWS["back"], BESIDE_BAR, limit_mm=FIT_LIMIT_MM
+        ),
         "evolution": lambda: _evolution(made),
     }
     if made.drawing is not None:
@@ -278,7 +283,7 @@ def _marked(body: Body, name: str) -> np.ndarray:
     head, size, view = head_frame(body), (1150, 1000), VIEWS[name]
     image = Image.fromarray(scene_picture([Item(body.mesh, BODY, gloss=0.15)], view, size, frame_on=head))
     towards = head.vertices @ view.axes[2]
-    far = towards.mean() - 0.15 * np.ptp(towards)
+    far = 0.5 * (towards.min() + towards.max()) - 0.1 * np.ptp(towards)
     near = {name: point for name, point in body.landmarks.items() if point @ view.axes[2] > far}
     camera = camera_for(view, body.mesh.vertices[np.unique(body.mesh.faces)], size, head)
     seen = camera.project(np.stack(list(near.values())))[:, :2]

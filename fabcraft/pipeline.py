@@ -110,8 +110,12 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
     """
     if bool(recipe.sketch) == bool(recipe.guidance):
-        given = "both a sketch and a guidance mesh" if recipe.sketch else "neither a sketch nor a guidance mesh"
-        raise InputError(f"{given} was given; one of them was expected", "Give --sketch FILE or --guidance MESH.")
+        given = (
+            "both a sketch and a guidance mesh" if recipe.sketch else "neither a sketch nor a guidance mesh"
+        )
+        raise InputError(
+            f"{given} was given; one of them was expected", "Give --sketch FILE or --guidance MESH."
+        )
     clock = _Clock({}, tell)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
@@ -129,30 +133,60 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template.wall_mm))
         slots = strap_slots(template, relief) if recipe.strap_slots else ()
         if recipe.strap_slots and not slots:
-            notes.append((True, "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."))
+            notes.append(
+                (
+                    True,
+                    "There is no room for strap slots beside the eyes; glue a band or a stick to the mask.",
+                )
+            )
         solid = shell(design.mesh, template, relief, distance, settings, slots)
     with clock.stage("check"):
-        inspection = inspect_mesh(replace(solid.mesh, name=recipe.title or template.name), profile, worn=_worn(template, relief, distance))
+        inspection = inspect_mesh(
+            replace(solid.mesh, name=recipe.title or template.name),
+            profile,
+            worn=_worn(template, relief, distance),
+        )
         clearance = distance.signed(solid.mesh.vertices)
     from fabcraft.fit.descend import Stop
 
     interrupted = design.stopped is Stop.INTERRUPTED
-    findings = [Finding(check="input", severity="warn" if warn else "note", advice=text) for warn, text in notes]
+    findings = [
+        Finding(check="input", severity="warn" if warn else "note", advice=text) for warn, text in notes
+    ]
     findings += [Finding(check="body", severity="note", advice=text) for text in body.notes]
     findings += [Finding(check="solid", severity="note", advice=text + ".") for text in solid.notes]
     if interrupted or design.stopped is Stop.NOT_FINITE:
-        findings.append(Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}."))
+        findings.append(
+            Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}.")
+        )
     found = inspection.report
     report = PrintReport(
         findings=(*found.findings, *findings),
-        route=(*route, f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm"),
-        metrics={**found.metrics, **_likeness(solid.mesh, design), "clearance_slack_mm": solid.numbers["clearance_slack_mm"]},
+        route=(
+            *route,
+            f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm",
+        ),
+        metrics={
+            **found.metrics,
+            **_likeness(solid.mesh, design),
+            "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
+        },
         seconds={**clock.seconds, **{f"check.{name}": value for name, value in found.seconds.items()}},
         peak_memory_bytes=found.peak_memory_bytes,
     )
     inspection = replace(inspection, report=report)
     return Made(
-        solid.mesh, report, recipe, body, template, design, profile, drawing, inspection, clearance, interrupted
+        solid.mesh,
+        report,
+        recipe,
+        body,
+        template,
+        design,
+        profile,
+        drawing,
+        inspection,
+        clearance,
+        interrupted,
     )
 
 
@@ -166,7 +200,12 @@ def _guidance(
     """(drawing, relief, route, notes); a note is (whether it is a warning, sentence)."""
     if goal is not None:
         relief, said = target_relief(goal, template, recipe.placement)
-        return None, relief, (f"guidance mesh {Path(recipe.guidance).name}",), [(False, text) for text in said]
+        return (
+            None,
+            relief,
+            (f"guidance mesh {Path(recipe.guidance).name}",),
+            [(False, text) for text in said],
+        )
     assert picture is not None
     drawing = understand(picture)
     placed = place(drawing, template, recipe.placement)
@@ -183,7 +222,9 @@ def _guidance(
     return drawing, relief, route, notes + [(False, text) for text in placed.notes]
 
 
-def _fit(recipe: Recipe, template: Template, relief: Relief, distance: SurfaceDistance, tell: Tell | None) -> "Design":
+def _fit(
+    recipe: Recipe, template: Template, relief: Relief, distance: SurfaceDistance, tell: Tell | None
+) -> "Design":
     from fabcraft.fit.optimize import PRESETS as FIT_PRESETS
     from fabcraft.fit.optimize import fit
 
@@ -217,7 +258,9 @@ def _worn(template: Template, relief: Relief, distance: SurfaceDistance) -> Worn
 def _likeness(solid: Mesh, design: "Design") -> dict[str, float]:
     """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
     relief, half = design.relief, 0.5 * design.template.wall_mm
-    plane = Plane.around(np.vstack([relief.outline, design.template.outline, solid.vertices[:, [0, 2]]]), 0.25, 4.0)
+    plane = Plane.around(
+        np.vstack([relief.outline, design.template.outline, solid.vertices[:, [0, 2]]]), 0.25, 4.0
+    )
     wanted = solid_mask(relief.outline, relief.openings, plane)
 
     def overlap(mesh: Mesh, grown_mm: float) -> float:

@@ -65,7 +65,9 @@ def read_recipe(path: Path | str) -> Recipe:
     path = Path(path)
     try:
         if path.stat().st_size > 1_000_000:
-            raise InputError(f"{path} is {path.stat().st_size:,} bytes; a recipe has a few hundred", "Check the path.")
+            raise InputError(
+                f"{path} is {path.stat().st_size:,} bytes; a recipe has a few hundred", "Check the path."
+            )
         table = tomllib.loads(path.read_text("utf-8"))
     except IsADirectoryError:
         raise InputError(f"{path} is a folder; a recipe file was expected", "Give a .toml file.") from None
@@ -74,11 +76,13 @@ def read_recipe(path: Path | str) -> Recipe:
     except UnicodeDecodeError:
         raise InputError(f"{path} is not text; a recipe in TOML was expected", "Give a .toml file.") from None
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}", "Check the path and its permissions.") from None
+        raise InputError(
+            f"{path} cannot be read: {error.strerror}", "Check the path and its permissions."
+        ) from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not valid TOML: {error}", "Mend the line named.") from None
     recipe = recipe_of(table, str(path))
-    beside = {
+    beside: dict[str, Any] = {
         name: str(path.parent / getattr(recipe, name))
         for name in ("sketch", "guidance", "body", "printer")
         if getattr(recipe, name) and (path.parent / getattr(recipe, name)).is_file()
@@ -94,7 +98,9 @@ def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:
     try:
         return msgspec.convert(dict(table), Recipe)
     except msgspec.ValidationError as error:
-        raise InputError(f"{source}: {error}", "Mend that value; `fabcraft make --help` tells what each one takes.") from None
+        raise InputError(
+            f"{source}: {error}", "Mend that value; `fabcraft make --help` tells what each one takes."
+        ) from None
 
 
 def refuse_unknown(kind: type, table: Mapping[str, Any], source: str, prefix: str = "") -> None:
@@ -107,7 +113,7 @@ def refuse_unknown(kind: type, table: Mapping[str, Any], source: str, prefix: st
             raise InputError(f"{source}: unknown key {prefix}{key}", hint)
         factory = known[key].default_factory
         if factory is not MISSING and is_dataclass(factory) and isinstance(value, Mapping):
-            refuse_unknown(factory, value, source, f"{prefix}{key}.")  # type: ignore[arg-type]
+            refuse_unknown(factory, value, source, f"{prefix}{key}.")
 
 
 def recipe_toml(recipe: Recipe) -> str:
@@ -125,7 +131,9 @@ def recipe_toml(recipe: Recipe) -> str:
         value = getattr(recipe, entry.name)
         if is_dataclass(value):
             inner = [
-                f"{one.name} = {text(getattr(value, one.name))}" for one in fields(value) if getattr(value, one.name) != one.default
+                f"{one.name} = {text(getattr(value, one.name))}"
+                for one in fields(value)
+                if getattr(value, one.name) != one.default
             ]
             if inner:
                 tables += ["", f"[{entry.name}]", *inner]

@@ -17,8 +17,20 @@ def ball(radius=30.0):
 
 def plate(y, half=20.0):
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    flat = triangulate([np.concatenate([np.linspace(a, b, 20, endpoint=False) for a, b in zip(square, np.roll(square, -1, 0), strict=True)])], 3.0)
-    return Mesh(np.column_stack([flat.points[:, 0], np.full(len(flat.points), y), flat.points[:, 1]]), flat.faces)
+    flat = triangulate(
+        [
+            np.concatenate(
+                [
+                    np.linspace(a, b, 20, endpoint=False)
+                    for a, b in zip(square, np.roll(square, -1, 0), strict=True)
+                ]
+            )
+        ],
+        3.0,
+    )
+    return Mesh(
+        np.column_stack([flat.points[:, 0], np.full(len(flat.points), y), flat.points[:, 1]]), flat.faces
+    )
 
 
 def test_the_field_is_the_distance_to_the_ball_within_a_fraction_of_a_cell():
@@ -26,7 +38,9 @@ def test_the_field_is_the_distance_to_the_ball_within_a_fraction_of_a_cell():
     points = np.random.default_rng(0).uniform([-18, -55, -18], [18, -22, 18], (500, 3))
     found = field(torch.from_numpy(points).float()).numpy()
     # a chord of the cell lies above the distance by up to cell² (1/r + 1/r) / 8
-    np.testing.assert_allclose(found, np.linalg.norm(points, axis=1) - 30.0, atol=4.0**2 * (2 / 22.0) / 8 + 0.03)
+    np.testing.assert_allclose(
+        found, np.linalg.norm(points, axis=1) - 30.0, atol=4.0**2 * (2 / 22.0) / 8 + 0.03
+    )
 
 
 def test_the_fields_gradient_points_away_from_the_body():
@@ -44,7 +58,9 @@ def test_a_plate_through_the_ball_is_pushed_clear_of_it(y):
     centres = settled.vertices[settled.faces].mean(1)
     assert distance.signed(np.concatenate([settled.vertices, centres])).min() >= 2.0 - 0.03
     assert pushed == pytest.approx(2.0 + 30.0 + y, abs=0.15)
-    assert settled.face_normals[:, 1].min() < -0.5 or settled.face_normals[:, 1].max() < 0  # nothing turned over
+    assert (
+        settled.face_normals[:, 1].min() < -0.5 or settled.face_normals[:, 1].max() < 0
+    )  # nothing turned over
 
 
 def test_a_sheet_that_is_clear_is_left_alone():

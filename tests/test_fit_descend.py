@@ -24,17 +24,23 @@ def test_a_sphere_becomes_the_ellipsoid_it_is_asked_for_and_moves_there():
 
 
 def test_no_offset_is_the_rest_mesh():
-    outcome = descend(SYSTEM, [Term("nothing", 0.0, lambda state: state.positions.sum())], Descent(1, 1e-2, 1e-2), REST)
+    outcome = descend(
+        SYSTEM, [Term("nothing", 0.0, lambda state: state.positions.sum())], Descent(1, 1e-2, 1e-2), REST
+    )
     np.testing.assert_allclose(outcome.positions, MESH.vertices, atol=1e-6)
 
 
 def test_two_runs_give_the_same_bytes():
-    runs = [descend(SYSTEM, [towards_goal()], Descent(15, 1e-2, 1e-2), REST).positions.tobytes() for _ in range(2)]
+    runs = [
+        descend(SYSTEM, [towards_goal()], Descent(15, 1e-2, 1e-2), REST).positions.tobytes() for _ in range(2)
+    ]
     assert runs[0] == runs[1]
 
 
 def test_a_still_run_stops_early_and_says_so():
-    outcome = descend(SYSTEM, [Term("nothing", 0.0, lambda state: state.positions.sum())], Descent(500, 1e-2, 1e-2), REST)
+    outcome = descend(
+        SYSTEM, [Term("nothing", 0.0, lambda state: state.positions.sum())], Descent(500, 1e-2, 1e-2), REST
+    )
     assert outcome.stopped is Stop.STILL and len(outcome.history["total"]) <= 60
 
 

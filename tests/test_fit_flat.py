@@ -86,5 +86,7 @@ def test_the_target_of_the_start_itself_moves_nothing_far():
 
 def test_two_fits_give_the_same_bytes():
     targets = [eared(height=0.4), *EYES]
-    first, second = (fit_flat(START, targets, 3.0, steps=16, pixels=96).sheet.points.tobytes() for _ in range(2))
+    first, second = (
+        fit_flat(START, targets, 3.0, steps=16, pixels=96).sheet.points.tobytes() for _ in range(2)
+    )
     assert first == second

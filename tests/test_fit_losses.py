@@ -36,7 +36,9 @@ def test_singular_values_are_those_of_the_matrix(dimension):
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_singular_values_have_a_finite_derivative_at_the_identity(dimension):
-    field = torch.eye(3, dtype=torch.float64)[:dimension, :2].expand(4, dimension, 2).clone().requires_grad_(True)
+    field = (
+        torch.eye(3, dtype=torch.float64)[:dimension, :2].expand(4, dimension, 2).clone().requires_grad_(True)
+    )
     first, second = singular_values(field)
     (first.sum() + second.sum()).backward()
     assert torch.isfinite(field.grad).all()
@@ -76,7 +78,10 @@ def test_penetration_is_a_hinge_on_the_clearance():
 def test_contact_is_least_at_the_wanted_gap_and_robust_far_away():
     gap = torch.zeros(1)
     assert float(contact_loss(torch.zeros(1), gap)) == 0.0
-    near, far = float(contact_loss(torch.full((1,), 0.05), gap)), float(contact_loss(torch.full((1,), 1.05), gap))
+    near, far = (
+        float(contact_loss(torch.full((1,), 0.05), gap)),
+        float(contact_loss(torch.full((1,), 1.05), gap)),
+    )
     assert near == pytest.approx(0.05**2)
     assert far - near == pytest.approx(2 * 0.05 * 1.0, rel=1e-5)
 

@@ -55,7 +55,9 @@ def test_topology_is_kept_and_faces_look_at_the_viewer(design):
 
 def test_history_stages_and_baseline_tell_how_it_came_about(design):
     assert design.stopped in (Stop.STEPS, Stop.STILL)
-    assert {"flat.contour", "flat.silhouette", "lifted.depth", "lifted.penetration", "lifted.contact"} <= set(design.history)
+    assert {"flat.contour", "flat.silhouette", "lifted.depth", "lifted.penetration", "lifted.contact"} <= set(
+        design.history
+    )
     assert design.stages[0][0] == "template" and design.stages[-1][0] == "settled"
     assert len(design.direct.faces) > 1000
 

@@ -43,7 +43,8 @@ app = App(
     default_parameter=PLAIN,
     result_action="return_value",
 )
-for position, function in enumerate((make, check, solid, guidance)):
+_COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance)
+for position, function in enumerate(_COMMANDS):
     app.command(function, sort_key=position, help_epilogue="")
 for group in (bodies, printers, templates):
     app.command(group)

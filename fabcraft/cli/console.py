@@ -8,7 +8,7 @@ import errno
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any, TextIO
 
@@ -31,9 +31,9 @@ _FIGURES = (
     ("size_mm", "size", "mm"),
     ("volume_mm3", "volume", "cm³"),
     ("wall_min_mm", "thinnest wall", "mm"),
-    ("silhouette_iou", "likeness of the outline", ""),
+    ("silhouette_iou", "overlap with the drawing", ""),
     ("pen_max_mm", "deepest in the body", "mm"),
-    ("contact_rms_mm", "contact within", "mm"),
+    ("contact_rms_mm", "contacts within", "mm"),
 )
 
 
@@ -82,9 +82,7 @@ def show_report(report: PrintReport, on: str = "") -> None:
     verdict = f"{on}: {report.verdict[:1].lower()}{report.verdict[1:]}" if on else report.verdict
     lines = [painted(verdict, "good" if report.printable else "fail"), ""]
     lines += [_finding(finding) for finding in report.findings]
-    figures = [
-        _figure(report.metrics[key], label, unit) for key, label, unit in _FIGURES if key in report.metrics
-    ]
+    figures = [_figure(report.metrics, *figure) for figure in _FIGURES if figure[0] in report.metrics]
     if figures:
         lines += ["", "; ".join(figures)]
     if report.files:
@@ -97,7 +95,10 @@ def _finding(finding: Finding) -> str:
     return f"{painted(mark, finding.severity)} {rest}"
 
 
-def _figure(value: Any, label: str, unit: str) -> str:
+def _figure(metrics: Mapping[str, Any], key: str, label: str, unit: str) -> str:
+    value = metrics[key]
+    if key == "wall_min_mm" and value >= metrics.get("wall_measured_to_mm", value + 1):
+        label = "wall at least"  # thicker was not measured
     if unit == "cm³":
         text = f"{value / 1000:.1f}"
     elif isinstance(value, tuple):

@@ -64,8 +64,10 @@ class Flags:
     """Height of the cushion that a drawn region (a nose) becomes, mm. [default: 2.2]"""
     rim_height: float | None = None
     """Height of the bead along the outline and around the openings, mm; 0 for none. [default: 0.8]"""
+    strap_slots: Annotated[bool | None, Parameter(negative="--no-strap-slots", show_default=False)] = None
+    """Cut a slot beside each eye for an elastic band. [default: yes]"""
     pictures: Annotated[bool | None, Parameter(negative="--no-pictures", show_default=False)] = None
-    """Also write the report, the page and the pictures."""
+    """Also write the report, the page and the pictures. [default: yes]"""
 
 
 _NO_FLAGS = Flags()

@@ -24,7 +24,10 @@ class BodyField:
 
     @staticmethod
     def around(
-        distance: SurfaceDistance, lower: Float64[np.ndarray, "3"], upper: Float64[np.ndarray, "3"], cell_mm: float
+        distance: SurfaceDistance,
+        lower: Float64[np.ndarray, "3"],
+        upper: Float64[np.ndarray, "3"],
+        cell_mm: float,
     ) -> "BodyField":
         """Sample the exact distance on the nodes of the box from `lower` to at least `upper`."""
         counts = np.ceil((upper - lower) / cell_mm).astype(int) + 1
@@ -40,6 +43,9 @@ class BodyField:
         node = (points - torch.from_numpy(self.lower).to(points.dtype)) / self.cell_mm
         where = 2.0 * node / (sizes - 1.0) - 1.0
         sampled = torch.nn.functional.grid_sample(
-            self.values.to(points.dtype), where.reshape(1, 1, 1, -1, 3), padding_mode="border", align_corners=True
+            self.values.to(points.dtype),
+            where.reshape(1, 1, 1, -1, 3),
+            padding_mode="border",
+            align_corners=True,
         )
         return sampled.reshape(-1)

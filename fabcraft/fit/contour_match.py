@@ -52,7 +52,9 @@ def seam(contour: Float64[np.ndarray, "N 2"]) -> int:
     """Index of the point to start from: low, and near the middle of the width."""
     width, height = np.ptp(contour, axis=0)
     middle = 0.5 * (contour[:, 0].min() + contour[:, 0].max())
-    return int(np.argmin((contour[:, 1] - contour[:, 1].min()) / height + np.abs(contour[:, 0] - middle) / width))
+    return int(
+        np.argmin((contour[:, 1] - contour[:, 1].min()) / height + np.abs(contour[:, 0] - middle) / width)
+    )
 
 
 def match(

@@ -100,10 +100,13 @@ def descend(
     offset = start.offset.clone().requires_grad_(True)
     translation = start.translation.clone().requires_grad_(True)
     optimiser = torch.optim.Adam(
-        [{"params": [offset], "lr": descent.learning_rate}, {"params": [translation], "lr": descent.translation_rate}]
+        [
+            {"params": [offset], "lr": descent.learning_rate},
+            {"params": [translation], "lr": descent.translation_rate},
+        ]
     )
     _restore(optimiser, offset, translation, start)
-    history: dict[str, list[float]] = {term.name: [] for term in terms} | {"total": []}
+    history: dict[str, list[float]] = {name: [] for name in [*(term.name for term in terms), "total"]}
     best, best_positions = math.inf, None
     failures, slowed, marked, stopped = 0, 1.0, None, Stop.STEPS
     try:
@@ -119,7 +122,7 @@ def descend(
             values = {term.name: term.weight * term.function(state) for term in terms}
             total = torch.stack(list(values.values())).sum()
             total.backward()
-            if not (torch.isfinite(total) and torch.isfinite(offset.grad).all()):
+            if not (torch.isfinite(total) and _finite(offset.grad)):
                 failures, slowed = failures + 1, slowed * 0.5
                 if failures == 5:
                     stopped = Stop.NOT_FINITE
@@ -149,8 +152,15 @@ def descend(
     if stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE) and best_positions is not None:
         positions = best_positions
     return Descended(
-        positions.detach().double().numpy(), _variables(optimiser, offset, translation, start), history, stopped
+        positions.detach().double().numpy(),
+        _variables(optimiser, offset, translation, start),
+        history,
+        stopped,
     )
+
+
+def _finite(gradient: Tensor | None) -> bool:
+    return gradient is None or bool(torch.isfinite(gradient).all())
 
 
 def _restore(optimiser: torch.optim.Adam, offset: Tensor, translation: Tensor, start: Variables) -> None:
@@ -158,15 +168,22 @@ def _restore(optimiser: torch.optim.Adam, offset: Tensor, translation: Tensor, s
         return
     for parameter, first, second in ((offset, *start.moments[:2]), (translation, *start.moments[2:])):
         optimiser.state[parameter] = {
-            "step": torch.tensor(float(start.step)), "exp_avg": first.clone(), "exp_avg_sq": second.clone()
+            "step": torch.tensor(float(start.step)),
+            "exp_avg": first.clone(),
+            "exp_avg_sq": second.clone(),
         }
 
 
-def _variables(optimiser: torch.optim.Adam, offset: Tensor, translation: Tensor, start: Variables) -> Variables:
-    states = [optimiser.state.get(parameter) for parameter in (offset, translation)]
-    if not all(states):
+def _variables(
+    optimiser: torch.optim.Adam, offset: Tensor, translation: Tensor, start: Variables
+) -> Variables:
+    if not optimiser.state.get(offset) or not optimiser.state.get(translation):
         return start
-    moments = tuple(state[key].clone() for state in states for key in ("exp_avg", "exp_avg_sq"))
+    first, second = optimiser.state[offset], optimiser.state[translation]
+    moments = (first["exp_avg"], first["exp_avg_sq"], second["exp_avg"], second["exp_avg_sq"])
     return Variables(
-        offset.detach().clone(), translation.detach().clone(), moments, int(states[0]["step"])  # type: ignore[arg-type]
+        offset.detach().clone(),
+        translation.detach().clone(),
+        (moments[0].clone(), moments[1].clone(), moments[2].clone(), moments[3].clone()),
+        int(first["step"]),
     )

@@ -15,5 +15,7 @@ def direct(rims: list[Float64[np.ndarray, "_ 2"]], relief: Relief, edge_mm: floa
     """The relief's sheet inside `rims` ((x, z) mm: outline, then openings)."""
     flat = triangulate(rims, edge_mm)
     return Mesh(
-        np.column_stack([flat.points[:, 0], -relief.height_at(flat.points), flat.points[:, 1]]), flat.faces, "direct"
+        np.column_stack([flat.points[:, 0], -relief.height_at(flat.points), flat.points[:, 1]]),
+        flat.faces,
+        "direct",
     )

@@ -16,17 +16,35 @@ from scipy.sparse.linalg import spsolve
 from torch import Tensor
 
 from fabcraft.errors import InputError
-from fabcraft.fit.camera import front
+from fabcraft.fit.camera import Camera, front
 from fabcraft.fit.contour_match import match
 from fabcraft.fit.descend import Descent, State, Stop, Variables, descend
-from fabcraft.fit.losses import Term, collapse_loss, image_loss, jacobian_loss, point_loss, singular_values, smoothness_loss
+from fabcraft.fit.losses import (
+    Term,
+    collapse_loss,
+    image_loss,
+    jacobian_loss,
+    point_loss,
+    singular_values,
+    smoothness_loss,
+)
 from fabcraft.fit.render import Topology, render
-from fabcraft.geometry.contour import counter_clockwise, inside, level_contours, resample, signed_distance_image, smooth
+from fabcraft.geometry.contour import (
+    counter_clockwise,
+    inside,
+    level_contours,
+    resample,
+    signed_distance_image,
+    smooth,
+)
 from fabcraft.geometry.operators import edge_faces, laplacian
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.geometry.triangulate import PlaneMesh, triangulate
 
+Frame = tuple[Float64[np.ndarray, "2"], float]
+"""Middle, mm, and scale of the optimiser's frame."""
+Seen = Callable[[int, dict[str, float], Tensor], None]
 
 ROUNDS = 4
 """The steps are shared out among this many rounds; the sheet may be remeshed between two."""
@@ -68,7 +86,8 @@ def rim_targets(
     contours = [smooth(plane.to_mm(loop), smooth_mm, corner_reach=4.0) for loop in loops]
     if not contours:
         raise InputError(
-            f"nothing of the drawn shape is wider than the wall of {2 * half_wall_mm:.1f} mm", "Draw it larger."
+            f"nothing of the drawn shape is wider than the wall of {2 * half_wall_mm:.1f} mm",
+            "Draw it larger.",
         )
     outer = contours[0]
     # islands that a narrow neck parts from the rest lie outside the outline; openings lie inside it
@@ -78,7 +97,10 @@ def rim_targets(
             f"the drawn shape leaves {len(holes)} openings with material around them; {openings} are needed",
             "Draw the eyes further from the outline and from each other.",
         )
-    return [counter_clockwise(outer), *sorted((counter_clockwise(h) for h in holes), key=lambda h: h[:, 0].mean())]
+    return [
+        counter_clockwise(outer),
+        *sorted((counter_clockwise(h) for h in holes), key=lambda h: h[:, 0].mean()),
+    ]
 
 
 def fit_flat(
@@ -95,7 +117,8 @@ def fit_flat(
     frame = 0.5 * (start.points.min(0) + start.points.max(0)), 2.0 / float(np.ptp(start.points, axis=0).max())
     dense = [resample(target, 0.5 * edge_mm) for target in targets]
     camera, wanted = _silhouette_target(start, targets, pixels)
-    sheet, history, remeshed, stopped = start, {}, 0, Stop.STEPS
+    sheet, remeshed, stopped = start, 0, Stop.STEPS
+    history: dict[str, list[float]] = {}
     each = -(-steps // ROUNDS)
     for index in range(ROUNDS):
         flat = np.column_stack([(sheet.points - frame[0]) * frame[1], np.zeros(len(sheet.points))])
@@ -104,7 +127,11 @@ def fit_flat(
         rate = 2e-2 * (1.0 - index / ROUNDS) + 4e-3
         seen = _watcher(watch, sheet, frame, index * each)
         outcome = descend(
-            system, terms, Descent(each, rate, 0.5 * rate, final_share=0.5), Variables.rest(len(sheet.faces), 2), seen
+            system,
+            terms,
+            Descent(each, rate, 0.5 * rate, final_share=0.5),
+            Variables.rest(len(sheet.faces), 2),
+            seen,
         )
         for name, values in outcome.history.items():
             history.setdefault(name, []).extend(values)
@@ -119,7 +146,7 @@ def fit_flat(
     return FlatFit(_snapped(sheet, dense, edge_mm), history, remeshed, stopped)
 
 
-def _watcher(watch: Callable[[PlaneMesh, int], None] | None, sheet: PlaneMesh, frame: tuple, before: int):
+def _watcher(watch: Callable[[PlaneMesh, int], None] | None, sheet: PlaneMesh, frame: Frame, before: int) -> Seen | None:
     """What `descend` calls at every step: `watch` with the sheet in millimetres, every tenth step."""
     if watch is None:
         return None
@@ -132,7 +159,7 @@ def _watcher(watch: Callable[[PlaneMesh, int], None] | None, sheet: PlaneMesh, f
     return seen
 
 
-def _silhouette_target(start: PlaneMesh, targets: list[np.ndarray], pixels: int):
+def _silhouette_target(start: PlaneMesh, targets: list[np.ndarray], pixels: int) -> tuple[Camera, Tensor]:
     """A front camera that sees start and goal, and the wanted coverage in it."""
     everything = np.concatenate([start.points, *targets])
     plane = Plane.around(everything, float(np.ptp(everything, axis=0).max()) / pixels, 4.0)
@@ -147,7 +174,15 @@ def _silhouette_target(start: PlaneMesh, targets: list[np.ndarray], pixels: int)
     return front(plane), torch.from_numpy(coverage.astype(np.float32))
 
 
-def _terms(system, sheet: PlaneMesh, dense, frame, camera, wanted: Tensor, weights: FlatWeights) -> list[Term]:
+def _terms(
+    system: PoissonSystem,
+    sheet: PlaneMesh,
+    dense: list[np.ndarray],
+    frame: Frame,
+    camera: Camera,
+    wanted: Tensor,
+    weights: FlatWeights,
+) -> list[Term]:
     middle, scale = frame
     areas = torch.from_numpy(system.areas).float()
     frames = torch.from_numpy(np.ascontiguousarray(system.frames[:, :2, :])).float()
@@ -164,13 +199,16 @@ def _terms(system, sheet: PlaneMesh, dense, frame, camera, wanted: Tensor, weigh
                 torch.from_numpy((match(now[loop], goal) - middle) * scale).float()
                 for loop, goal in zip(sheet.loops, dense, strict=True)
             ]
-        parts = [point_loss(state.positions[loop], goal) for loop, goal in zip(loops, matched["targets"], strict=True)]
+        parts = [
+            point_loss(state.positions[loop], goal)
+            for loop, goal in zip(loops, matched["targets"], strict=True)
+        ]
         return torch.stack(parts).sum()
 
     def silhouette(state: State) -> Tensor:
         flat = state.positions / scale + torch.from_numpy(middle).float()
         vertices = torch.stack([flat[:, 0], torch.zeros_like(flat[:, 0]), flat[:, 1]], 1)
-        image = render(vertices, topology, [camera], outputs=("mask",)).mask[0]
+        image = render(vertices, topology, [camera], outputs=("mask",)).of("mask")[0]
         return image_loss(image, wanted) * (wanted.numel() / wanted.sum())
 
     return [
@@ -193,13 +231,17 @@ def _snapped(sheet: PlaneMesh, dense: list[np.ndarray], edge_mm: float) -> Plane
     """
     contours = [resample(goal, edge_mm, corner_reach=1.2 * edge_mm) for goal in dense]
     rims = np.concatenate(sheet.loops)
-    laid = np.concatenate([match(sheet.points[loop], goal) for loop, goal in zip(sheet.loops, dense, strict=True)])
+    laid = np.concatenate(
+        [match(sheet.points[loop], goal) for loop, goal in zip(sheet.loops, dense, strict=True)]
+    )
     flat = np.column_stack([sheet.points, np.zeros(len(sheet.points))])
     stiffness = laplacian(flat, sheet.faces).tocsc()
     free = np.setdiff1d(np.arange(len(flat)), rims)
     shift = np.zeros_like(sheet.points)
     shift[rims] = laid - sheet.points[rims]
-    shift[free] = spsolve(stiffness[free][:, free], -(stiffness[free][:, rims] @ shift[rims])).reshape(len(free), 2)
+    shift[free] = spsolve(stiffness[free][:, free], -(stiffness[free][:, rims] @ shift[rims])).reshape(
+        len(free), 2
+    )
     points = sheet.points + shift
     a, b, c = points[sheet.faces].transpose(1, 0, 2)
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]

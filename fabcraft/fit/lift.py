@@ -7,6 +7,7 @@ to the skin where it is to rest. Material may slide along the skin: only the dis
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,7 +31,7 @@ from fabcraft.fit.losses import (
     rim_loss,
     smoothness_loss,
 )
-from fabcraft.fit.render import Topology, render
+from fabcraft.fit.render import Images, Topology, render
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.operators import edge_faces
 from fabcraft.geometry.plane import Plane
@@ -97,7 +98,11 @@ def fit_lifted(
             watch(step, values, sheet.with_vertices(positions.double().numpy() / scale + centre))
 
     outcome = descend(
-        system, terms, Descent(steps, 1.2e-2, 4e-3, final_share=0.08), Variables.rest(len(sheet.faces), 3), seen
+        system,
+        terms,
+        Descent(steps, 1.2e-2, 4e-3, final_share=0.08),
+        Variables.rest(len(sheet.faces), 3),
+        seen,
     )
     return sheet.with_vertices(outcome.positions / scale + centre), outcome
 
@@ -159,7 +164,12 @@ def _terms(
 
 
 def _image_terms(
-    sheet: Mesh, relief: Relief, pixels: int, weights: LiftWeights, scale: float, millimetres: Callable[[State], Tensor]
+    sheet: Mesh,
+    relief: Relief,
+    pixels: int,
+    weights: LiftWeights,
+    scale: float,
+    millimetres: Callable[[State], Tensor],
 ) -> list[Term]:
     """Depth, normal and silhouette of one front view; rendered once a step, shared by the three."""
     plane = Plane.around(sheet.vertices[:, [0, 2]], float(sheet.size_mm.max()) / pixels, 4.0)
@@ -174,30 +184,32 @@ def _image_terms(
     # the flat stage laid the outline: keeping it is the silhouette's whole target here
     with torch.no_grad():
         start = torch.from_numpy(sheet.vertices.copy()).float()
-        wanted_mask = render(start, topology, camera, outputs=("mask",)).mask[0]
+        wanted_mask = render(start, topology, camera, outputs=("mask",)).of("mask")[0]
     share = wanted_mask.numel() / wanted_mask.sum()
-    shared: dict[str, object] = {}
+    shared: dict[str, Any] = {}
 
-    def images(state: State):
+    def images(state: State) -> tuple[Images, Tensor]:
         if shared.get("positions") is not state.positions:
             shared["positions"] = state.positions
-            shared["images"] = render(millimetres(state), topology, camera, outputs=("mask", "depth", "normal"))
-            mask = shared["images"].mask[0].detach()
+            shared["images"] = render(
+                millimetres(state), topology, camera, outputs=("mask", "depth", "normal")
+            )
+            mask = shared["images"].of("mask")[0].detach()
             # at rims the pixel holds a share of the depth only; inside it is the depth itself
             shared["inside"] = ((mask > 0.999) & (wanted_mask > 0.999)).float()
         return shared["images"], shared["inside"]
 
     def depth(state: State) -> Tensor:
         pictures, inside = images(state)
-        return scale * image_loss(pictures.depth[0], wanted_depth, inside)
+        return scale * image_loss(pictures.of("depth")[0], wanted_depth, inside)
 
     def normal(state: State) -> Tensor:
         pictures, inside = images(state)
-        return image_loss(pictures.normal[0], wanted_normal, inside)
+        return image_loss(pictures.of("normal")[0], wanted_normal, inside)
 
     def silhouette(state: State) -> Tensor:
         pictures, _ = images(state)
-        return image_loss(pictures.mask[0], wanted_mask) * share
+        return image_loss(pictures.of("mask")[0], wanted_mask) * share
 
     return [
         Term("depth", weights.depth, depth),
@@ -218,11 +230,17 @@ def _body_terms(
     """The hinge on the clearance, at face centres and vertices, and the distance to the skin where the sheet rests."""
     relief, template = targets.relief, targets.template
     heights = relief.height_at(sheet.vertices[:, [0, 2]])
-    box = np.concatenate([sheet.vertices, np.column_stack([sheet.vertices[:, 0], -heights, sheet.vertices[:, 2]])])
+    box = np.concatenate(
+        [sheet.vertices, np.column_stack([sheet.vertices[:, 0], -heights, sheet.vertices[:, 2]])]
+    )
     field = BodyField.around(targets.distance, box.min(0) - 6.0, box.max(0) + 6.0, cell_mm=4.0)
     half = 0.5 * template.wall_mm
-    wanted = torch.from_numpy(template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half).float()
-    vertex_areas = torch.zeros(len(sheet.vertices)).index_add(0, faces.reshape(-1), areas.repeat_interleave(3) / 3.0)
+    wanted = torch.from_numpy(
+        template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half
+    ).float()
+    vertex_areas = torch.zeros(len(sheet.vertices)).index_add(
+        0, faces.reshape(-1), areas.repeat_interleave(3) / 3.0
+    )
     rest_weight = template.front.at(template.front.contact, sheet.vertices[:, [0, 2]])
     resting = torch.from_numpy(np.flatnonzero(rest_weight > 0.5))
     both_areas = torch.cat([vertex_areas, areas])

@@ -29,9 +29,7 @@ def jacobian_loss(
     return _area_mean(((restricted - rest) ** 2).sum((1, 2)), areas)
 
 
-def smoothness_loss(
-    jacobians: Float[Tensor, "F D D"], pairs: Int[Tensor, "E 2"]
-) -> Tensor:
+def smoothness_loss(jacobians: Float[Tensor, "F D D"], pairs: Int[Tensor, "E 2"]) -> Tensor:
     """Mean over neighbouring faces of ‖J_f − J_g‖²: bends in the deformation spread out instead of folding."""
     return ((jacobians[pairs[:, 0]] - jacobians[pairs[:, 1]]) ** 2).sum((1, 2)).mean()
 
@@ -54,7 +52,10 @@ def singular_values(restricted: Float[Tensor, "F D 2"]) -> tuple[Tensor, Tensor]
 
 
 def collapse_loss(
-    restricted: Float[Tensor, "F D 2"], areas: Float[Tensor, " F"], smallest: float = 0.35, largest: float = 4.0
+    restricted: Float[Tensor, "F D 2"],
+    areas: Float[Tensor, " F"],
+    smallest: float = 0.35,
+    largest: float = 4.0,
 ) -> Tensor:
     """Area mean of max(0, `smallest` − σ₂)² + max(0, σ₁ − `largest`)²: no collapsed, folded or torn faces."""
     first, second = singular_values(restricted)
@@ -117,7 +118,9 @@ def rim_loss(vertices: Float[Tensor, "V D"], loops: tuple[Int[Tensor, " _"], ...
 
 
 def chamfer_loss(
-    points: Float[Tensor, "N 3"], targets: Float[Tensor, "M 3"], nearest_target: Int[Tensor, " N"],
+    points: Float[Tensor, "N 3"],
+    targets: Float[Tensor, "M 3"],
+    nearest_target: Int[Tensor, " N"],
     nearest_point: Int[Tensor, " M"] | None = None,
 ) -> Tensor:
     """Mean squared distance to the matched nearest neighbour, from the points and, if given, from the targets too.

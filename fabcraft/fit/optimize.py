@@ -45,7 +45,8 @@ class FitSettings:
     def __post_init__(self) -> None:
         if not (0 < self.flat_steps <= 20000 and 0 < self.lifted_steps <= 20000):
             raise InputError(
-                f"{self.flat_steps} flat and {self.lifted_steps} lifted steps were asked", "Choose 1 to 20000."
+                f"{self.flat_steps} flat and {self.lifted_steps} lifted steps were asked",
+                "Choose 1 to 20000.",
             )
         if not 32 <= self.pixels <= 2048:
             raise InputError(f"a view of {self.pixels} pixels was asked", "Choose 32 to 2048.")
@@ -98,7 +99,11 @@ def fit(
     stages = [("template", template.mesh)]
 
     def raised(flat: PlaneMesh, height: Callable[[np.ndarray], np.ndarray]) -> Mesh:
-        return Mesh(np.column_stack([flat.points[:, 0], -height(flat.points), flat.points[:, 1]]), flat.faces, template.name)
+        return Mesh(
+            np.column_stack([flat.points[:, 0], -height(flat.points), flat.points[:, 1]]),
+            flat.faces,
+            template.name,
+        )
 
     def flat_watch(flat: PlaneMesh, step: int) -> None:
         sheet = raised(flat, template.front.base_at)
@@ -108,7 +113,9 @@ def fit(
             watch("outline", step, settings.flat_steps, sheet)
 
     start = PlaneMesh(template.mesh.vertices[:, [0, 2]].copy(), template.mesh.faces, template.rims)
-    flat = fit_flat(start, rims, template.edge_mm, settings.flat_steps, settings.pixels, settings.flat, flat_watch)
+    flat = fit_flat(
+        start, rims, template.edge_mm, settings.flat_steps, settings.pixels, settings.flat, flat_watch
+    )
     sheet = raised(flat.sheet, template.front.base_at)
     stages.append(("outline", sheet))
 
@@ -121,16 +128,29 @@ def fit(
     targets = LiftTargets(relief, distance, template)
     interrupted = flat.stopped is Stop.INTERRUPTED
     shaped, outcome = fit_lifted(
-        sheet, flat.sheet.loops, targets, 1 if interrupted else settings.lifted_steps, settings.pixels,
-        settings.lifted, lifted_watch,
+        sheet,
+        flat.sheet.loops,
+        targets,
+        1 if interrupted else settings.lifted_steps,
+        settings.pixels,
+        settings.lifted,
+        lifted_watch,
     )
     settled, pushed_mm = push_out(shaped, distance, sheet_clearance(template, shaped.vertices))
     stages.append(("settled", settled))
     history = {f"flat.{name}": values for name, values in flat.history.items()}
     history |= {f"lifted.{name}": values for name, values in outcome.history.items()}
     return Design(
-        settled, direct(rims, relief, template.edge_mm), template, relief, history, tuple(stages),
-        flat.stopped if interrupted else outcome.stopped, pushed_mm, flat.remeshed, settings,
+        settled,
+        direct(rims, relief, template.edge_mm),
+        template,
+        relief,
+        history,
+        tuple(stages),
+        flat.stopped if interrupted else outcome.stopped,
+        pushed_mm,
+        flat.remeshed,
+        settings,
     )
 
 

@@ -48,6 +48,13 @@ class Images:
     shaded: Float[Tensor, "K H W"] | None = None
     """Lambert shade, 0..1."""
 
+    def of(self, name: str) -> Tensor:
+        """The pictures of one kind.  Raises `InputError` when it was not asked for."""
+        pictures = getattr(self, name)
+        if pictures is None:
+            raise InputError(f"'{name}' was not rendered", "Name it in `outputs`.")
+        return pictures
+
 
 def render(
     vertices: Float[Tensor, "V 3"],

@@ -27,7 +27,9 @@ def push_out(
     wanted_mm : distance to the skin per vertex.  spread_mm : how wide a push is felt.
     """
     stiffness = laplacian(sheet.vertices, sheet.faces)
-    mass = np.bincount(sheet.faces.ravel(), np.repeat(sheet.face_areas / 3.0, 3), minlength=len(sheet.vertices))
+    mass = np.bincount(
+        sheet.faces.ravel(), np.repeat(sheet.face_areas / 3.0, 3), minlength=len(sheet.vertices)
+    )
     # (M + r² L) x = M b: a screened Laplacian spreads b over about r and keeps its mean
     spread = splu((sparse.diags(mass) + spread_mm**2 * stiffness).tocsc())
     points, largest = sheet.vertices.copy(), 0.0

@@ -22,7 +22,9 @@ def counter_clockwise(contour: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray
     return contour if signed_area(contour) > 0 else contour[::-1].copy()
 
 
-def inside(points: Float64[np.ndarray, "P 2"], loops: list[Float64[np.ndarray, "_ 2"]]) -> Bool[np.ndarray, " P"]:
+def inside(
+    points: Float64[np.ndarray, "P 2"], loops: list[Float64[np.ndarray, "_ 2"]]
+) -> Bool[np.ndarray, " P"]:
     """Whether each point lies in the first loop and in none of the others (its holes)."""
     within = points_in_poly(points, loops[0])
     for hole in loops[1:]:
@@ -70,7 +72,9 @@ def resample_open(line: Float64[np.ndarray, "N 2"], spacing: float) -> Float64[n
     return np.stack([np.interp(at, lengths, line[:, axis]) for axis in (0, 1)], 1)
 
 
-def smooth(contour: Float64[np.ndarray, "N 2"], sigma: float, corner_reach: float = 0.0) -> Float64[np.ndarray, "M 2"]:
+def smooth(
+    contour: Float64[np.ndarray, "N 2"], sigma: float, corner_reach: float = 0.0
+) -> Float64[np.ndarray, "M 2"]:
     """The contour with waves shorter than about `sigma` (contour unit) along its length removed.
 
     Where it turns sharply (over 50 degrees within `corner_reach`, if positive) the original is kept, blended in over
@@ -104,7 +108,9 @@ def level_contours(
 
     `soften`: Gaussian of the field first, in pixels.
     """
-    padded = np.pad(gaussian_filter(field, soften) if soften else field, 1, constant_values=min(field.min(), level - 1.0))
+    padded = np.pad(
+        gaussian_filter(field, soften) if soften else field, 1, constant_values=min(field.min(), level - 1.0)
+    )
     contours = [c for c in find_contours(padded, level) if len(c) > 8 and np.allclose(c[0], c[-1])]
     # find_contours counts from pixel centres of the padded image; pixel coordinates count from pixel borders
     return [c[:-1, ::-1] - 0.5 for c in sorted(contours, key=len, reverse=True)]

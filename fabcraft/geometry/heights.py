@@ -48,7 +48,9 @@ def smoothest_over(
     decay_mm: float,
     rounds: int = 12,
 ) -> Float64[np.ndarray, "H W"]:
-    """The smooth height m that minimises ∫ w (m − wanted)² + ℓ⁴ (Δm)² + ℓ⁴/d² |∇m|²  with m ≥ obstacle (within a spring's give), mm.
+    """The smooth height m, mm, that minimises ∫ w (m − wanted)² + ℓ⁴ (Δm)² + ℓ⁴/d² |∇m|²  with m ≥ obstacle.
+
+    The obstacle gives by a spring's little; `lifted_over` makes the promise exact.
 
     obstacle : -inf where nothing is in the way.  wanted, weight w : where the sheet should be, and how much (0..1).
     stiffness_mm ℓ : features narrower than about ℓ are bridged.  decay_mm d : where nothing is wanted the sheet goes on

@@ -23,7 +23,9 @@ def face_frames(
     a, b, c = vertices[faces].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     twice_area = np.linalg.norm(normals, axis=1)
-    longest = np.max([np.linalg.norm(b - a, axis=1), np.linalg.norm(c - b, axis=1), np.linalg.norm(a - c, axis=1)], 0)
+    longest = np.max(
+        [np.linalg.norm(b - a, axis=1), np.linalg.norm(c - b, axis=1), np.linalg.norm(a - c, axis=1)], 0
+    )
     flat = twice_area <= 1e-12 * longest**2
     if flat.any():
         index = int(np.flatnonzero(flat)[0])

@@ -73,7 +73,11 @@ class PoissonSystem:
         free = np.setdiff1d(np.arange(len(vertices)), pinned)
         reduced = normal_matrix[free][:, free].tocoo()
         solver = CholeskySolverD(
-            len(free), reduced.row.astype(np.int32), reduced.col.astype(np.int32), reduced.data, MatrixType.COO
+            len(free),
+            reduced.row.astype(np.int32),
+            reduced.col.astype(np.int32),
+            reduced.data,
+            MatrixType.COO,
         )
         # (count, V): area-weighted mean of each component; a vertex owns a third of its faces
         weight = np.bincount(faces.ravel(), np.repeat(areas / 3.0, 3), minlength=len(vertices))
@@ -112,7 +116,11 @@ class PoissonSystem:
 
     def _solve_transposed(self, gradient: np.ndarray) -> np.ndarray:
         summed = np.stack(
-            [np.bincount(self.components, column, minlength=self._centroid.shape[0]) for column in gradient.T], 1
+            [
+                np.bincount(self.components, column, minlength=self._centroid.shape[0])
+                for column in gradient.T
+            ],
+            1,
         )
         solved = self._solve_pinned(gradient - self._centroid.T @ summed)
         return np.repeat(self.areas, 2)[:, None] * (self.gradient @ solved)

@@ -43,7 +43,8 @@ def triangulate(
     loops, points, faces = _conforming(loops, interior, edge)
     if len(faces) == 0:
         raise InputError(
-            "the outline encloses no area to mesh", f"It must be wider than {edge:.1f} units everywhere it matters."
+            "the outline encloses no area to mesh",
+            f"It must be wider than {edge:.1f} units everywhere it matters.",
         )
     used = np.zeros(len(points), dtype=bool)
     used[faces] = True
@@ -62,7 +63,9 @@ def _lattice(loops: list[np.ndarray], edge: float) -> np.ndarray:
     rows = np.arange(-np.ceil((upper - lower)[1] / edge), np.ceil((upper - lower)[1] / edge) + 1)
     columns = np.arange(-np.ceil((upper - lower)[0] / edge), np.ceil((upper - lower)[0] / edge) + 1)
     column, row = np.meshgrid(columns, rows)
-    lattice = np.stack([(column + 0.5 * (row % 2)) * edge, row * edge * np.sqrt(0.75)], -1).reshape(-1, 2) + middle
+    lattice = (
+        np.stack([(column + 0.5 * (row % 2)) * edge, row * edge * np.sqrt(0.75)], -1).reshape(-1, 2) + middle
+    )
     lattice = lattice[inside(lattice, loops)]
     distance, _ = cKDTree(np.concatenate(loops)).query(lattice)
     return lattice[distance > 0.65 * edge]
@@ -88,7 +91,9 @@ def _conforming(
         if attempt == attempts - 1 or not any(len(m) for m in missing):
             return loops, points, faces
         loops = [
-            np.insert(loop, at + 1, 0.5 * (loop[at] + loop[(at + 1) % len(loop)]), axis=0) if len(at) else loop
+            np.insert(loop, at + 1, 0.5 * (loop[at] + loop[(at + 1) % len(loop)]), axis=0)
+            if len(at)
+            else loop
             for loop, at in zip(loops, missing, strict=True)
         ]
     raise AssertionError("the loop returns on its last attempt")

@@ -2,9 +2,12 @@
 
 Axis conventions of mesh files differ, so all 24 rotations that map axes onto axes are tried: what is visible from the
 front of each is brought onto the placed template by a similarity (trimmed ICP, scale within 0.5-2 of the ratio of the
-boxes). The one that is left with the least residual is taken; where two holes can be eyes, half of the residual is the
-distance to the template's surface with these eyes over the wearer's. Among near equals the more usual axes stand. Few shapes follow the face closely enough for the ICP to tell a small tilt from the shape itself,
-so a turn below 15 degrees is not taken over.
+boxes). The one that is left with the least residual is taken, unlikeness to its mirror image counted in; where two holes
+can be eyes, half of the residual is the distance to the template's surface with these eyes over the wearer's. Among near
+equals the more usual axes stand.
+
+A shape with eyes is then levelled: eyes over eyes, until its distance to the template's surface has no slope. Without
+eyes only the ICP is left, which cannot tell a small tilt from the shape itself: turns below 25 degrees are not taken over.
 """
 
 from dataclasses import dataclass
@@ -12,16 +15,22 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy.ndimage import binary_fill_holes, label, sum_labels
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.align import Similarity, axis_rotations, similarity_icp, spread_points
+from fabcraft.geometry.contour import inside
+from fabcraft.geometry.heights import front_heights
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.raster import rasterize, silhouette_mask
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
 WORST_RESIDUAL = 0.15
-_TURN_DEG = 15.0
+BEHIND_MM = 60.0
+_TURN_DEG = 25.0
+_LEVEL_DEG = 5.0  # a smaller tilt of a shape with eyes is taken for its design
 _NO_EYES = 1.5  # a direction without eyes must suit that much better than one with eyes
 _DOUBT = (1.0, 1.0, 1.05, 1.05, 1.25)  # by how unusual the axes are
 _TIE = 1.05
@@ -62,26 +71,8 @@ def faced(mesh: Mesh, template: Template) -> Facing:
     Raises `InputError` for a mesh without a surface, and for one that resembles the template in no direction.
     """
     mesh = _of_usual_size(mesh)
-    views: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-    found: list[tuple[float, np.ndarray]] = []
-    for rotation in sorted(axis_rotations(), key=_unusual):
-        away = rotation[1].tobytes()
-        if away not in views:
-            views[away] = _seen(mesh, rotation)
-        points, normals = views[away]
-        if len(points) >= 50:
-            points, normals = points @ rotation.T, normals @ rotation.T
-            pose = _brought(points, normals, template, 15, 300)
-            placed = _moved(mesh, _upright(pose, points), rotation)
-            score = _score(pose, placed, _upright(pose, points).points(points), template) * _DOUBT[_unusual(rotation)]
-            found.append((score, rotation))
-    if not found:
-        raise InputError("the guidance mesh shows no surface from any side", "Give a mesh of at least a mask's front.")
-    least = min(score for score, _ in found)
-    rotation = next(rotation for score, rotation in found if score <= _TIE * least)
-    points, normals = views[rotation[1].tobytes()]
-    points = points @ rotation.T
-    pose = _brought(points, normals @ rotation.T, template, 40, 1200)
+    rotation, visible = _best_axes(mesh, template)
+    pose = _brought(*visible, template, 40, 1200)
     residual = pose.rms / _longest(template.mesh)
     if not residual <= WORST_RESIDUAL:
         raise InputError(
@@ -89,15 +80,28 @@ def faced(mesh: Mesh, template: Template) -> Facing:
             f"of its size, at most {100 * WORST_RESIDUAL:.0f} % was expected",
             "Turn it so that its front looks along -y with +z up, and cut off what is not the mask.",
         )
-    pose = _upright(pose, points)
+    level = _levelled(_moved(mesh, pose, rotation), template)
+    if level is None:
+        pose = _upright(pose, visible[0])
+    elif _turn_deg(level @ pose.rotation) < _LEVEL_DEG:
+        pose = _upright(pose, visible[0], most_deg=180.0)
+    else:
+        middle = pose.points(visible[0].mean(0)[None])[0]
+        turned = level @ pose.rotation
+        pose = Similarity(pose.scale, turned, middle - pose.scale * turned @ visible[0].mean(0), pose.rms)
     return Facing(_moved(mesh, pose, rotation), residual, pose.rotation @ rotation)
 
 
-def silhouette(mesh: Mesh, pixel_mm: float) -> Silhouette:
-    """The front view of a mesh in mm.  Raises `InputError` when nothing is seen."""
+def silhouette(mesh: Mesh, template: Template, pixel_mm: float) -> Silhouette:
+    """The front view of a mesh in its place, without what is seen far behind the template's surface: through the eyes of
+    a helmet one sees its back.
+
+    Raises `InputError` when nothing is seen.
+    """
     xz = mesh.vertices[:, [0, 2]]
     plane = Plane.around(xz, pixel_mm, 6.0 * pixel_mm)
     coverage = silhouette_mask(plane.to_pixels(xz), mesh.faces, plane.width, plane.height)
+    coverage = np.where(too_deep(front_heights(mesh, plane), plane, template), np.float32(0.0), coverage)
     pieces, count = label(coverage >= 0.5, np.ones((3, 3)))
     if count == 0:
         raise InputError("the guidance mesh shows no surface from the front", "Give a mesh of a mask's front.")
@@ -110,6 +114,13 @@ def silhouette(mesh: Mesh, pixel_mm: float) -> Silhouette:
     return Silhouette(
         plane, coverage, shape, tuple(gaps == 1 + i for i in order), float(areas.sum() - areas.max())
     )
+
+
+def too_deep(heights: Float64[np.ndarray, "H W"], plane: Plane, template: Template) -> Bool[np.ndarray, "H W"]:
+    """Pixels where something is seen, but far behind the template's surface."""
+    x, z = plane.centres()
+    base = template.front.at(template.front.base, np.column_stack([x.ravel(), z.ravel()])).reshape(x.shape)
+    return np.isfinite(heights) & (heights < base - BEHIND_MM)
 
 
 def eye_pair(seen: Silhouette, template: Template) -> tuple[int, int] | None:
@@ -163,6 +174,27 @@ def _of_usual_size(mesh: Mesh) -> Mesh:
     return sized
 
 
+def _best_axes(mesh: Mesh, template: Template) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """The best of the 24 rotations, and the points and normals that are visible after it."""
+    views: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+    found = []
+    for rotation in sorted(axis_rotations(), key=_unusual):
+        away = rotation[1].tobytes()
+        if away not in views:
+            views[away] = _seen(mesh, rotation)
+        points, normals = (part @ rotation.T for part in views[away])
+        if len(points) < 50:  # edge-on
+            continue
+        pose = _brought(points, normals, template, 15, 300)
+        shown = _moved(mesh, _upright(pose, points), rotation)
+        score = _score(pose, points, shown, template) * _DOUBT[_unusual(rotation)]
+        found.append((score, rotation, (points, normals)))
+    if not found:
+        raise InputError("the guidance mesh shows no surface from any side", "Give a mesh of at least a mask's front.")
+    least = min(score for score, _, _ in found)
+    return next((rotation, visible) for score, rotation, visible in found if score <= _TIE * least)
+
+
 def _unusual(rotation: np.ndarray) -> int:
     """How unusual the axes are that a rotation supposes: z up and facing -y, y up and facing z, z up, y up, others."""
     up, away = rotation[2], rotation[1]
@@ -206,27 +238,76 @@ def _brought(
     )
 
 
-def _score(pose: Similarity, placed: Mesh, points: np.ndarray, template: Template) -> float:
-    """How badly a candidate suits: what the ICP left, and how far it stands from the template's surface when its eyes, if
-    it has any, are laid over the wearer's; more where the ICP turned far, since another candidate starts nearer.
+def _score(pose: Similarity, points: np.ndarray, shown: Mesh, template: Template) -> float:
+    """How badly a candidate suits: what the ICP left, more where it turned far, since another candidate starts nearer;
+    how unlike its mirror image it is; and with eyes, how far it stands from the template's surface.
     """
-    residual = pose.rms / _longest(template.mesh) * (1.0 + max(0.0, _turn_deg(pose) - _TURN_DEG) / 45.0)
-    seen = silhouette(placed, 1.0)
+    longest = _longest(template.mesh)
+    residual = pose.rms / longest * (1.0 + max(0.0, _turn_deg(pose.rotation) - _TURN_DEG) / 45.0)
+    few = points[spread_points(points, 300)]
+    middle = 0.5 * (points[:, 0].min() + points[:, 0].max())
+    unlike, _ = cKDTree(points).query([2.0 * middle, 0.0, 0.0] + few * [-1.0, 1.0, 1.0])
+    uneven = pose.scale * _trimmed_rms(unlike) / longest
+    laid = _by_eyes(shown, template)
+    if laid is None:
+        return _NO_EYES * residual + uneven
+    gap = _gap(laid[0], template)
+    return 0.5 * (residual + _trimmed_rms(gap - np.median(gap)) / longest) + uneven
+
+
+def _by_eyes(mesh: Mesh, template: Template) -> tuple[np.ndarray, float] | None:
+    """What is visible of a mesh near its place, brought with its eyes over the wearer's, and how much the eyes lean
+    (radians, up to the wearer's left); None without eyes.
+    """
+    seen = silhouette(mesh, template, 1.0)
     pair = eye_pair(seen, template)
     if pair is None:
-        return _NO_EYES * residual
+        return None
     right, left = (_centre(seen.holes[index], seen.plane) for index in pair)
     eyes = _eyes(template)
-    scale = float((eyes[1] - eyes[0])[0] / (left - right)[0])
-    xz = eyes.mean(0) + (points[:, [0, 2]] - 0.5 * (right + left)) * scale
-    gap = template.front.base_at(xz) + points[:, 1] * scale
-    gap = np.sort(np.abs(gap - np.median(gap)))[: int(0.75 * len(gap))]
-    return 0.5 * (residual + float(np.sqrt((gap**2).mean())) / _longest(template.mesh))
+    scale = float(np.linalg.norm(eyes[1] - eyes[0]) / np.linalg.norm(left - right))
+    points, _ = _seen(mesh, np.eye(3))
+    points = points[_gap(points, template) < BEHIND_MM]
+    shift = eyes.mean(0) - 0.5 * scale * (right + left)
+    return points * scale + [shift[0], 0.0, shift[1]], float(np.arctan2(*(left - right)[::-1]))
 
 
-def _upright(pose: Similarity, points: np.ndarray) -> Similarity:
-    """The pose without a small turn; the middle of the visible points stays where it was."""
-    if _turn_deg(pose) >= _TURN_DEG:
+def _gap(points: np.ndarray, template: Template) -> np.ndarray:
+    """How far points lie behind the template's surface, mm."""
+    return template.front.base_at(points[:, [0, 2]]) + points[:, 1]
+
+
+def _levelled(mesh: Mesh, template: Template, rounds: int = 4) -> np.ndarray | None:
+    """The rotation that levels a mesh near its place; None where it has no eyes."""
+    total, middle = np.eye(3), mesh.vertices.mean(0)
+    for _ in range(rounds):
+        laid = _by_eyes((mesh.with_vertices((mesh.vertices - middle) @ total.T + middle)), template)
+        if laid is None:
+            return None
+        points, lean = laid
+        terms = np.column_stack([np.ones(len(points)), points[:, 0], points[:, 2]])
+        gap = _gap(points, template)
+        within = inside(points[:, [0, 2]], [template.outline])
+        used = within
+        for _ in range(4):  # robust: a drawn nose or muzzle must not tilt it
+            if used.sum() < 30:
+                return None
+            fitted = np.linalg.lstsq(terms[used], gap[used], rcond=None)[0]
+            off = np.abs(gap - terms @ fitted)
+            used = within & (off <= np.quantile(off[used], 0.8))
+        yaw, pitch = np.arctan(fitted[1:])
+        total = Rotation.from_euler("xyz", [pitch, lean, -yaw]).as_matrix() @ total
+    return total
+
+
+def _trimmed_rms(values: np.ndarray, keep: float = 0.75) -> float:
+    nearest = np.sort(np.abs(values))[: max(1, int(keep * len(values)))]
+    return float(np.sqrt((nearest**2).mean()))
+
+
+def _upright(pose: Similarity, points: np.ndarray, most_deg: float = _TURN_DEG) -> Similarity:
+    """The pose without its turn, if it is below `most_deg`; the middle of the points stays where it was."""
+    if _turn_deg(pose.rotation) >= most_deg:
         return pose
     middle = points.mean(0)
     return Similarity(pose.scale, np.eye(3), pose.points(middle[None])[0] - pose.scale * middle, pose.rms)
@@ -236,8 +317,8 @@ def _moved(mesh: Mesh, pose: Similarity, rotation: np.ndarray) -> Mesh:
     return mesh.with_vertices(pose.points(mesh.vertices @ rotation.T))
 
 
-def _turn_deg(pose: Similarity) -> float:
-    return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(pose.rotation) - 1.0), -1.0, 1.0))))
+def _turn_deg(rotation: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
 
 
 def _longest(mesh: Mesh) -> float:

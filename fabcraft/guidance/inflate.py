@@ -23,7 +23,6 @@ from fabcraft.guidance.placement import PlacedDrawing
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
-
 _EXACT_MM = 4.5  # beyond the widest bead, the raster's own distance is good enough
 
 
@@ -149,16 +148,22 @@ def _distance_to_lines(lines: list[np.ndarray], plane: Plane, closed: bool) -> n
     distance = distance_transform_edt(drawn) * plane.pixel_mm
     # a raster line has steps that a print would show: near the lines the distance is that to the points of the curve
     rows, columns = np.nonzero(distance < _EXACT_MM)
-    dense = np.concatenate([resample_open(np.vstack([line, line[:1]]) if closed else line, 0.08) for line in lines])
+    dense = np.concatenate(
+        [resample_open(np.vstack([line, line[:1]]) if closed else line, 0.08) for line in lines]
+    )
     near = plane.to_mm(np.column_stack([columns + 0.5, rows + 0.5]))
     distance[rows, columns], _ = cKDTree(dense).query(near)
     return distance
 
 
-def _swell(placed: PlacedDrawing, strokes: list[np.ndarray], settings: InflateSettings) -> tuple[np.ndarray, Plane]:
+def _swell(
+    placed: PlacedDrawing, strokes: list[np.ndarray], settings: InflateSettings
+) -> tuple[np.ndarray, Plane]:
     """The cushion, mm, on a 1 mm grid (solved at 2 mm)."""
     plane = Plane.around(placed.outline, 1.0, 12.0)
-    plane = Plane(plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2)
+    plane = Plane(
+        plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2
+    )
     coarse = Plane(plane.left_mm, plane.top_mm, 2.0, plane.width // 2, plane.height // 2)
     domain = solid_mask(placed.outline, (), coarse)
     lines = np.exp(-((_distance_to_lines(strokes, coarse, False) / 2.0) ** 2))
@@ -191,7 +196,9 @@ def _membrane(domain: np.ndarray, damping: np.ndarray, pixel_mm: float) -> np.nd
     matrix = (4.0 * sparse.identity(count) - neighbours - neighbours.T) / pixel_mm**2
     matrix = (matrix + sparse.diags(damping[domain])).tocsc()
     u = np.zeros(domain.shape)
-    u[domain] = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(np.ones(count))
+    u[domain] = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(
+        np.ones(count)
+    )
     return u
 
 

@@ -130,7 +130,9 @@ def _by_outline(drawing: Drawing, template: Template) -> tuple[np.ndarray, np.nd
     drawn_centre, drawn_size = _drawn_face(drawing)
     centre, size = _face(template)
     pixel_mm = _size_by_face(drawing, template)
-    if drawn_size[1] < 0.75 * drawn_size[0]:  # a half mask: its lower third is at the eyes, and it reaches the temples
+    if (
+        drawn_size[1] < 0.75 * drawn_size[0]
+    ):  # a half mask: its lower third is at the eyes, and it reaches the temples
         pixel_mm = max(pixel_mm, 1.12 * size[0] / drawn_size[0])
         eyes = np.mean([template.body.landmarks[name][2] for name in ("eye_left", "eye_right")])
         centre = np.array([centre[0], eyes + 0.15 * drawn_size[1] * pixel_mm])
@@ -142,7 +144,7 @@ def _wide_enough(eye: np.ndarray, template: Template, notes: list[str]) -> np.nd
     least = 0.7 * np.ptp(template.openings[0], axis=0)
     factor = np.maximum(least / np.ptp(eye, axis=0), 1.0)
     if factor.max() > 1.02 and not notes:
-        notes.append(f"The drawn eyes were enlarged up to {factor.max():.1f} times, to be looked through.")
+        notes.append(f"The eyes were enlarged up to {factor.max():.1f} times, to be looked through.")
     middle = 0.5 * (eye.min(0) + eye.max(0))
     return counter_clockwise(middle + (eye - middle) * factor)
 
@@ -150,10 +152,8 @@ def _wide_enough(eye: np.ndarray, template: Template, notes: list[str]) -> np.nd
 def _with_room(placed: PlacedDrawing, template: Template, settings: PlacementSettings) -> PlacedDrawing:
     """The drawing shifted (if it has no eyes of its own) until the openings have a margin inside the outline."""
     margin = 2.5 * template.wall_mm
-    if placed.by_eyes or settings.up_mm or settings.left_mm:
-        shifts = [0.0]
-    else:
-        shifts = sorted(np.arange(-45.0, 46.0, 1.5), key=abs)
+    settled = placed.by_eyes or settings.up_mm or settings.left_mm
+    shifts = [0.0] if settled else sorted(np.arange(-45.0, 46.0, 1.5), key=abs)
     for shift in shifts:
         outline = placed.outline + [0.0, shift]
         if _room(outline, placed.openings) >= margin:
@@ -164,12 +164,12 @@ def _with_room(placed: PlacedDrawing, template: Template, settings: PlacementSet
                 outline=outline,
                 regions=tuple(region + [0.0, shift] for region in placed.regions),
                 strokes=tuple(stroke + [0.0, shift] for stroke in placed.strokes),
-                notes=(*placed.notes, f"The drawing was moved {shift:+.0f} mm up to leave room for the eyes."),
+                notes=(*placed.notes, f"It was moved {shift:+.0f} mm up to leave room for the eyes."),
             )
     raise InputError(
-        f"the eye openings come within {_room(placed.outline, placed.openings):.1f} mm of the drawn outline; "
+        f"the eye openings come within {_room(placed.outline, placed.openings):.1f} mm of the outline; "
         f"at least {margin:.1f} mm of material are needed around them",
-        "Draw the eyes further from the outline, or try --scale, --up or --left.",
+        "Move the eyes further from the outline, or try --scale, --up or --left.",
     )
 
 

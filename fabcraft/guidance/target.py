@@ -14,15 +14,13 @@ from fabcraft.geometry.contour import level_contours, smooth
 from fabcraft.geometry.heights import front_heights, lifted_over, smoothest_over
 from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.facing import Silhouette, eye_pair, faced, silhouette
+from fabcraft.guidance.facing import Silhouette, eye_pair, faced, silhouette, too_deep
 from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, place
 from fabcraft.guidance.symmetry import mirror_axis
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
-BEHIND_MM = 60.0
-"""What lies further behind the template's surface belongs to the back of a helmet, not to a mask."""
 DETAIL_LIMIT_MM = 3.0
 _FINE_MM = 1.5  # waves shorter than about this are detail
 _STEEP = 2.2  # a steeper flank has too few pixels to be a height field; the sheet goes on smoothly instead
@@ -45,11 +43,10 @@ def target_relief(
         f"The guidance mesh was {_turn(facing.turned)}; it misses the template by "
         f"{100.0 * facing.residual:.1f} % of its size."
     ]
-    front = _front_part(facing.mesh, template, notes)
-    seen = silhouette(front, float(np.ptp(front.vertices[:, [0, 2]], axis=0).max()) / 900.0)
+    seen = silhouette(facing.mesh, template, float(np.ptp(facing.mesh.vertices[:, [0, 2]], axis=0).max()) / 900.0)
     drawing = _drawing(seen, template, notes)
     placed = place(drawing, template, settings)
-    heights, fine = _heights(front, drawing, placed, seen.plane)
+    heights, fine = _heights(facing.mesh, drawing, placed, seen.plane, template)
     soft, detail = _split(heights, fine)
     sheet, plane = _sheet(soft, fine, placed.outline)
     height = _rested(sheet, np.isfinite(sheet), plane, template, notes)
@@ -69,16 +66,6 @@ def _turn(rotation: np.ndarray) -> str:
         return about + str(names[most, int(direction[most] > 0)])
 
     return f"turned (its up is {axis(rotation[2])}, its front {axis(-rotation[1])})"
-
-
-def _front_part(mesh: Mesh, template: Template, notes: list[str]) -> Mesh:
-    """The mesh without what lies far behind the template's surface."""
-    behind = template.front.base_at(mesh.vertices[:, [0, 2]]) + mesh.vertices[:, 1] > BEHIND_MM
-    keep = ~behind[mesh.faces].all(1)
-    if keep.all() or not keep.any():
-        return mesh
-    notes.append(f"What lies more than {BEHIND_MM:.0f} mm behind the front of the guidance mesh was left out.")
-    return mesh.submesh(keep)
 
 
 def _drawing(seen: Silhouette, template: Template, notes: list[str]) -> Drawing:
@@ -126,41 +113,49 @@ def _contour(coverage: np.ndarray, pixel_mm: float) -> np.ndarray:
     return smooth(contours[0], 0.8 / pixel_mm, corner_reach=3.0 / pixel_mm)
 
 
-def _heights(front: Mesh, drawing: Drawing, placed: PlacedDrawing, plane: Plane) -> tuple[np.ndarray, Plane]:
+def _heights(
+    mesh: Mesh, drawing: Drawing, placed: PlacedDrawing, plane: Plane, template: Template
+) -> tuple[Float64[np.ndarray, "H W"], Plane]:
     """Front heights, mm, of the mesh laid as its outline was, on a 0.25 mm grid; -inf outside and in holes."""
     scale = placed.pixel_mm / plane.pixel_mm
     # place() scales and shifts but never turns: the mean of the outline tells the shift
     shift = placed.outline.mean(0) - plane.to_mm(drawing.outline).mean(0) * scale
-    vertices = front.vertices * scale + [shift[0], 0.0, shift[1]]
     fine = Plane.around(placed.outline, 0.25, 3.0)
-    heights = front_heights(front.with_vertices(vertices), fine)
-    return np.where(solid_mask(placed.outline, (), fine), heights, -np.inf), fine
+    heights = front_heights(mesh.with_vertices(mesh.vertices * scale + [shift[0], 0.0, shift[1]]), fine)
+    heights = np.where(solid_mask(placed.outline, (), fine), heights, -np.inf)
+    known = np.isfinite(heights)
+    x, z = fine.centres()
+    base = template.front.at(template.front.base, np.column_stack([x[known], z[known]]))
+    heights[known] += np.median(base - heights[known])
+    return np.where(too_deep(heights, fine, template), -np.inf, heights), fine
 
 
 def _split(
     heights: Float64[np.ndarray, "H W"], fine: Plane
 ) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
-    """Heights without waves shorter than about 1.5 mm (-inf where unknown), and what stands out of them, mm."""
+    """Heights without waves shorter than about 1.5 mm, and what stands out of them, mm.
+
+    The heights are -inf where unknown and on flanks too steep to be seen; there is no detail there.
+    """
     known = np.isfinite(heights)
     sigma = _FINE_MM / fine.pixel_mm
     level = float(np.median(heights[known]))
-    total = gaussian_filter(np.where(known, heights - level, 0.0), sigma)
-    weight = gaussian_filter(known.astype(np.float64), sigma)
-    soft = np.where(known, level + total / np.maximum(weight, 1e-9), -np.inf)
-    detail = np.where(known, np.clip(np.where(known, heights, 0.0) - np.where(known, soft, 0.0), 0.0, DETAIL_LIMIT_MM), 0.0)
-    return soft, gaussian_filter(detail, 0.2 / fine.pixel_mm)
+    given = np.where(known, heights - level, 0.0)
+    soft = gaussian_filter(given, sigma) / np.maximum(gaussian_filter(known.astype(np.float64), sigma), 1e-9)
+    down, across = np.gradient(np.where(known, soft, 0.0), fine.pixel_mm)
+    gentle = (distance_transform_edt(known) > 1.0) & (np.hypot(down, across) < _STEEP)
+    usable = gentle if gentle.sum() > 0.5 * known.sum() else known
+    detail = np.where(usable, np.clip(given - soft, 0.0, DETAIL_LIMIT_MM), 0.0)
+    return np.where(usable, level + soft, -np.inf), gaussian_filter(detail, 0.2 / fine.pixel_mm)
 
 
-def _sheet(soft: Float64[np.ndarray, "H W"], fine: Plane, outline: np.ndarray) -> tuple[np.ndarray, Plane]:
-    """The soft heights at the centres of a 1 mm grid; -inf outside, in holes, and on flanks too steep to be seen."""
+def _sheet(
+    soft: Float64[np.ndarray, "H W"], fine: Plane, outline: Float64[np.ndarray, "N 2"]
+) -> tuple[Float64[np.ndarray, "h w"], Plane]:
+    """The soft heights at the centres of a 1 mm grid of even size; -inf where unknown."""
     plane = Plane.around(outline, 1.0, 12.0)
     plane = Plane(plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2)
-    known = np.isfinite(soft)
-    filled = np.where(known, soft, 0.0)
-    down, across = np.gradient(filled, fine.pixel_mm)
-    inner = distance_transform_edt(known) > 1.0
-    gentle = known & inner & (np.hypot(down, across) < _STEEP)
-    usable = gentle if gentle.sum() > 0.5 * known.sum() else known
+    usable = np.isfinite(soft)
     x, z = plane.centres()
     xz = np.column_stack([x.ravel(), z.ravel()])
     weight = fine.sample(usable.astype(np.float64), xz).reshape(x.shape)
@@ -183,8 +178,9 @@ def _rested(
     core = known & (front.at(front.core.astype(np.float64), xz).reshape(x.shape) > 0.5)
     height = _extended(sheet, known, plane)
     if core.any():
-        # a tip of the wearer's nose may bulge the sheet, but must not hold all of it away from the face
-        shift = float(np.quantile((floor - height)[core], 0.99))
+        # the whole moves until it is clear, but for a spot deeper than 2 mm: that one bulges the sheet
+        missing = (floor - height)[core]
+        shift = min(float(missing.max()), float(np.quantile(missing, 0.99)) + 2.0)
     else:
         shift = float(np.median((front.base_at(xz).reshape(x.shape) - height)[known]))
     height = height + shift

@@ -44,4 +44,6 @@ def _turn(about_x_deg: float, about_z_deg: float) -> Float64[np.ndarray, "4 4"]:
 def _laid(mesh: Mesh, build: Float64[np.ndarray, "3"]) -> Mesh:
     lower, upper = mesh.bounds
     middle = 0.5 * (lower + upper)
-    return mesh.with_vertices(mesh.vertices + [0.5 * build[0] - middle[0], 0.5 * build[1] - middle[1], -lower[2]])
+    return mesh.with_vertices(
+        mesh.vertices + [0.5 * build[0] - middle[0], 0.5 * build[1] - middle[1], -lower[2]]
+    )

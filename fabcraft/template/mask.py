@@ -8,6 +8,9 @@ The sheet does not copy the face: it is the smoothest surface in front of it, he
 lips and nostrils do not show through.
 """
 
+from collections.abc import Callable
+
+import cv2
 import numpy as np
 from scipy.ndimage import binary_closing, gaussian_filter
 
@@ -89,7 +92,9 @@ def _front_surface(head: Body, wall_mm: float, scale: float) -> FrontSurface:
     for distance_mm, zone in zones:
         before = raised(np.where(zone, skin, -np.inf), distance_mm + wall_mm / 2 + _SLACK_MM, 1.0)
         floor = np.maximum(floor, before)
-    clearance = gaussian_filter(np.where(_near(head, CONTACTS, fine, 9.0 * scale), RESTING_MM, GENERAL_MM), 2.0)
+    clearance = gaussian_filter(
+        np.where(_near(head, CONTACTS, fine, 9.0 * scale), RESTING_MM, GENERAL_MM), 2.0
+    )
     contact = gaussian_filter(resting.astype(np.float64), 2.5)
     floor, skin = _coarser(floor, np.max), _coarser(skin, np.max)
     clearance, contact = _coarser(clearance, np.mean), _coarser(contact, np.mean)
@@ -124,7 +129,9 @@ def _core(head: Body, floor: np.ndarray, plane: Plane, scale: float) -> np.ndarr
     x, z = plane.centres()
     landmarks = head.landmarks
     filled = np.where(np.isfinite(floor), floor, np.nan)
-    down, across = np.gradient(gaussian_filter(np.nan_to_num(filled, nan=np.nanmin(filled)), 1.0), plane.pixel_mm)
+    down, across = np.gradient(
+        gaussian_filter(np.nan_to_num(filled, nan=np.nanmin(filled)), 1.0), plane.pixel_mm
+    )
     middle = 0.5 * (landmarks["zygion_left"][0] + landmarks["zygion_right"][0])
     half = 0.5 * (landmarks["zygion_left"][0] - landmarks["zygion_right"][0])
     core = np.isfinite(floor) & (np.hypot(across, down) < 1.1) & (np.abs(x - middle) < 0.9 * half)
@@ -144,8 +151,6 @@ def _zones(head: Body, plane: Plane) -> list[tuple[float, np.ndarray]]:
 def _near(head: Body, names: tuple[str, ...], plane: Plane, radius_mm: float) -> np.ndarray:
     """Pixels within `radius_mm` of a vertex of the regions, in the front view."""
     seen = np.zeros((plane.height, plane.width), dtype=np.uint8)
-    import cv2
-
     for name in names:
         points = head.mesh.vertices[head.regions[name].vertex_indices][:, [0, 2]]
         for column, row in np.floor(plane.to_pixels(points)).astype(int):
@@ -153,7 +158,12 @@ def _near(head: Body, names: tuple[str, ...], plane: Plane, radius_mm: float) ->
     return seen.astype(bool)
 
 
-def _coarser(field: np.ndarray, reduce) -> np.ndarray:
+def _coarser(field: np.ndarray, reduce: Callable[..., np.ndarray]) -> np.ndarray:
     """Blocks of 2 x 2 pixels reduced to one."""
     height, width = field.shape
-    return reduce(field.reshape(height // 2, 2, width // 2, 2).transpose(0, 2, 1, 3).reshape(height // 2, width // 2, 4), axis=2)
+    return reduce(
+        field.reshape(height // 2, 2, width // 2, 2)
+        .transpose(0, 2, 1, 3)
+        .reshape(height // 2, width // 2, 4),
+        axis=2,
+    )

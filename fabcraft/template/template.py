@@ -32,7 +32,9 @@ class FrontSurface:
     core: Bool[np.ndarray, "H W"]
     """Where the sheet follows the body."""
 
-    def at(self, field: Float64[np.ndarray, "H W"], xz: Float64[np.ndarray, "N 2"]) -> Float64[np.ndarray, " N"]:
+    def at(
+        self, field: Float64[np.ndarray, "H W"], xz: Float64[np.ndarray, "N 2"]
+    ) -> Float64[np.ndarray, " N"]:
         """One of the fields, bilinear, at points (x, z) in mm."""
         return self.plane.sample(field, xz)
 

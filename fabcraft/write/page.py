@@ -156,9 +156,9 @@ def _table(heading: str, entries: Mapping[str, Any]) -> str:
         label, own = (stem, _UNITS[ending]) if known else (str(name), "")
         if ending == "share" and isinstance(value, int | float):
             label, own, value = stem or label, "%", 100.0 * value
-        rows.append(
-            f'<tr><th>{_safe(_words(label))}</th><td class="number">{_safe(_shown(value, own))}</td></tr>'
-        )
+        kind = "words" if isinstance(value, str) and " " in value else "number"
+        shown = _safe(_shown(value, own))
+        rows.append(f'<tr><th>{_safe(_words(label))}</th><td class="{kind}">{shown}</td></tr>')
     if not rows:
         return ""
     return f"<section><h2>{heading}</h2><table><tbody>{''.join(rows)}</tbody></table></section>"
@@ -171,8 +171,14 @@ def _pictures(pictures: Mapping[str, bytes]) -> str:
         source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
         words = _safe(_words(caption))
         image = f'<img src="{source}" alt="{words}" loading="lazy">'
-        figures.append(f"<figure>{image}<figcaption>{words}</figcaption></figure>")
+        strip = ' class="strip"' if _is_strip(png) else ""
+        figures.append(f"<figure{strip}>{image}<figcaption>{words}</figcaption></figure>")
     return f'<h2>Pictures</h2><div class="pictures">{"".join(figures)}</div>' if figures else ""
+
+
+def _is_strip(png: bytes) -> bool:
+    """Whether a picture is so wide that it needs a row of its own (width and height in the PNG's header)."""
+    return int.from_bytes(png[16:20], "big") > 2 * int.from_bytes(png[20:24], "big")
 
 
 def _shown(value: Any, unit: str = "") -> str:
