@@ -9,6 +9,7 @@ import contextlib
 import functools
 import json
 import os
+import tempfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -21,6 +22,7 @@ from fabcraft.body.body import Body
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 from fabcraft.recipe import Recipe, recipe_toml
+from fabcraft.solid.orient import onto_bed
 from fabcraft.write.atomic import REASONS, write_atomically
 from fabcraft.write.camera import VIEWS, camera_for
 from fabcraft.write.colours import BODY
@@ -101,8 +103,12 @@ def _require_place(path: Path) -> None:
         raise InputError(f"cannot write {str(path)!r}: {reason}", "Choose another path.") from error
     if exists and not os.access(path, os.W_OK):
         raise InputError(f"cannot write {path}: no permission to replace it", "Choose another name.")
-    if not os.access(folder if folder_exists else folder.parent, os.W_OK | os.X_OK):
-        raise InputError(f"cannot write {path}: no permission to write in {folder}", "Choose another folder.")
+    try:  # to ask for permission is not enough: disks are read-only, quotas used up
+        with tempfile.TemporaryFile(dir=folder if folder_exists else folder.parent):
+            pass
+    except OSError as error:
+        reason, step = REASONS.get(error.errno or 0, (error.strerror or str(error), "Choose another folder."))
+        raise InputError(f"cannot write {path}: {reason}", step) from error
 
 
 def require_outputs(recipe: Recipe, source: str = "") -> None:
@@ -135,10 +141,13 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
     title = recipe.title or Path(recipe.output[0]).stem
     carried = {key: value for key, value in report.to_dict().items() if key not in NOT_IN_3MF}
 
+    on_bed, _ = onto_bed(made.object, made.profile)
+
     def output(path: str) -> None:
+        # what goes to the slicer lies on the bed; what goes to a viewer or a modeller stays on the body
         write_mesh(
             path,
-            made.object,
+            on_bed if checked_extension(path) in (".3mf", ".stl") else made.object,
             title=title,
             metadata={
                 "Description": f"{made.template.name.capitalize()} for {made.body.name}. {report.verdict}"

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,7 +101,11 @@ def find_body(name: str, units: str = "") -> Body:
         from fabcraft.body.scan import scan
 
         return scan(path, units or None)
-    return human(name)
+    close = get_close_matches(name, PRESETS, n=1)
+    raise InputError(
+        f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
+        f"Choose one of: {', '.join(PRESETS)}; or give the path of a head scan.",
+    )
 
 
 def make(recipe: Recipe, tell: Tell | None = None) -> Made:

@@ -5,11 +5,13 @@ Unknown keys are refused, so a misspelt one is never silently ignored.
 """
 
 import difflib
+import math
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 
@@ -55,6 +57,12 @@ class Recipe:
     def __post_init__(self) -> None:
         if self.wall_mm and not 0.2 <= self.wall_mm <= 20.0:
             raise InputError(f"a wall of {self.wall_mm} mm was asked", "Choose between 0.2 and 20 mm.")
+        for table in (self.placement, self.inflate):
+            for entry in fields(table):
+                if not math.isfinite(value := getattr(table, entry.name)):
+                    raise InputError(
+                        f"{entry.name} is {value}, which is not a finite number", "Give one such as 1.5."
+                    )
 
 
 def read_recipe(path: Path | str) -> Recipe:
@@ -99,8 +107,20 @@ def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:
         return msgspec.convert(dict(table), Recipe)
     except msgspec.ValidationError as error:
         raise InputError(
-            f"{source}: {error}", "Mend that value; `fabcraft make --help` tells what each one takes."
+            f"{source}: {_plain(str(error))}",
+            "Mend that value; `fabcraft make --help` tells what each one takes.",
         ) from None
+
+
+def _plain(message: str) -> str:
+    """msgspec's message with the key first and, for a choice, what there is to choose from."""
+    parts = re.fullmatch(r"(?P<what>.*?)(?: - at `\$\.?(?P<key>.*)`)?", message, re.DOTALL)
+    if parts is None or not parts["key"]:
+        return message
+    choices = next((get_args(entry.type) for entry in fields(Recipe) if entry.name == parts["key"]), ())
+    said = ", ".join(repr(one) for one in choices if isinstance(one, str) and one)
+    what = parts["what"][:1].lower() + parts["what"][1:].replace("`", "")
+    return f"{parts['key']}: {what}" + (f"; expected {said}" if said else "")
 
 
 def refuse_unknown(kind: type, table: Mapping[str, Any], source: str, prefix: str = "") -> None:

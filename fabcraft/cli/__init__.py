@@ -8,6 +8,7 @@ a command needs it.
 
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 
 from cyclopts import App, CycloptsError
@@ -58,7 +59,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without ² must not end an hour of work
     words = list(sys.argv[1:] if arguments is None else arguments)
-    return _guarded(lambda: app(words, exit_on_error=False, print_error=False))
+    with warnings.catch_warnings():
+        if not os.environ.get("FABCRAFT_TRACEBACK"):
+            warnings.simplefilter("ignore")  # what libraries say to programmers
+        return _guarded(lambda: app(words, exit_on_error=False, print_error=False))
 
 
 def _guarded(command: Callable[[], object]) -> int:

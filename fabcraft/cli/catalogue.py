@@ -107,7 +107,7 @@ def list_bodies(*, json: bool = False) -> int:
 
 @bodies.command(name="show")
 def show_body(
-    body: str, /, *, units: Units | None = None, picture: str | None = None, json: bool = False
+    body: str, /, *, body_units: Units | None = None, picture: str | None = None, json: bool = False
 ) -> int:
     """Show a body's measures and landmarks.
 
@@ -115,7 +115,7 @@ def show_body(
     ----------
     body
         man, woman, child, or the file of a head scan.
-    units
+    body_units
         Unit of the scan; proposed from its size when left out.
     picture
         Also write a picture of the head with its landmarks (.png).
@@ -128,7 +128,7 @@ def show_body(
         _require_png(picture, [body])
     from fabcraft.pipeline import find_body
 
-    whole = find_body(body, units or "")
+    whole = find_body(body, body_units or "")
     person = whole.part("head") if whole.kind == "human" else whole
     told: dict[str, Any] = {
         "body": whole.name,

@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any
 
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
@@ -70,11 +70,10 @@ def drop_stdout() -> None:
         os.close(nowhere)
 
 
-def painted(text: str, colour: str, stream: TextIO | None = None) -> str:
+def painted(text: str, colour: str) -> str:
     """`text` in a colour of the terminal, or as it is where there is none."""
-    stream = stream or sys.stdout
     plain = bool(os.environ.get("NO_COLOR")) or os.environ.get("TERM") == "dumb"
-    return text if plain or not _is_terminal(stream) else f"\033[{_COLOURS[colour]}m{text}\033[0m"
+    return text if plain or not _is_terminal(sys.stdout) else f"\033[{_COLOURS[colour]}m{text}\033[0m"
 
 
 def show_report(report: PrintReport, on: str = "") -> None:
@@ -116,7 +115,7 @@ def table(rows: Sequence[tuple[str, ...]]) -> str:
     )
 
 
-def _is_terminal(stream: TextIO | None) -> bool:
+def _is_terminal(stream: Any) -> bool:
     try:
         return stream is not None and stream.isatty()
     except ValueError:  # closed

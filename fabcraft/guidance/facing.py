@@ -83,7 +83,7 @@ def faced(mesh: Mesh, template: Template) -> Facing:
     level = _levelled(_moved(mesh, pose, rotation), template)
     if level is None:
         pose = _upright(pose, visible[0])
-    elif _turn_deg(level @ pose.rotation) < _LEVEL_DEG:
+    elif turn_deg(level @ pose.rotation) < _LEVEL_DEG:
         pose = _upright(pose, visible[0], most_deg=180.0)
     else:
         middle = pose.points(visible[0].mean(0)[None])[0]
@@ -104,19 +104,25 @@ def silhouette(mesh: Mesh, template: Template, pixel_mm: float) -> Silhouette:
     coverage = np.where(too_deep(front_heights(mesh, plane), plane, template), np.float32(0.0), coverage)
     pieces, count = label(coverage >= 0.5, np.ones((3, 3)))
     if count == 0:
-        raise InputError("the guidance mesh shows no surface from the front", "Give a mesh of a mask's front.")
+        raise InputError(
+            "the guidance mesh shows no surface from the front", "Give a mesh of a mask's front."
+        )
     areas = sum_labels(np.ones_like(pieces), pieces, np.arange(1, count + 1)) * pixel_mm**2
     largest = pieces == 1 + int(areas.argmax())
     shape = binary_fill_holes(largest)
     gaps, count = label(shape & ~largest)
-    sizes = sum_labels(np.ones_like(gaps), gaps, np.arange(1, count + 1)) * pixel_mm**2 if count else np.zeros(0)
+    sizes = (
+        sum_labels(np.ones_like(gaps), gaps, np.arange(1, count + 1)) * pixel_mm**2 if count else np.zeros(0)
+    )
     order = [int(i) for i in np.argsort(-sizes, kind="stable") if sizes[i] > _HOLE_MM2]
     return Silhouette(
         plane, coverage, shape, tuple(gaps == 1 + i for i in order), float(areas.sum() - areas.max())
     )
 
 
-def too_deep(heights: Float64[np.ndarray, "H W"], plane: Plane, template: Template) -> Bool[np.ndarray, "H W"]:
+def too_deep(
+    heights: Float64[np.ndarray, "H W"], plane: Plane, template: Template
+) -> Bool[np.ndarray, "H W"]:
     """Pixels where something is seen, but far behind the template's surface."""
     x, z = plane.centres()
     base = template.front.at(template.front.base, np.column_stack([x.ravel(), z.ravel()])).reshape(x.shape)
@@ -163,14 +169,18 @@ def _centre(region: np.ndarray, plane: Plane) -> np.ndarray:
 def _of_usual_size(mesh: Mesh) -> Mesh:
     """The mesh about its centre, 200 mm long.  Raises `InputError` where it has no surface."""
     if len(mesh.faces) == 0:
-        raise InputError("the guidance mesh has no faces", "Check that the file holds a surface and not only points.")
+        raise InputError(
+            "the guidance mesh has no faces", "Check that the file holds a surface and not only points."
+        )
     points = mesh.vertices[np.unique(mesh.faces)]
     lower, upper = points.min(0), points.max(0)
     longest = float((upper - lower).max())
     scale = 200.0 / longest if longest > 0.0 else 0.0
     sized = Mesh((mesh.vertices - 0.5 * (lower + upper)) * scale, mesh.faces, mesh.name)
     if sized.area_mm2 < 400.0:  # a hundredth of the square of that length
-        raise InputError("the guidance mesh has next to no surface", "Give a mesh with the area of a mask's front.")
+        raise InputError(
+            "the guidance mesh has next to no surface", "Give a mesh with the area of a mask's front."
+        )
     return sized
 
 
@@ -190,7 +200,9 @@ def _best_axes(mesh: Mesh, template: Template) -> tuple[np.ndarray, tuple[np.nda
         score = _score(pose, points, shown, template) * _DOUBT[_unusual(rotation)]
         found.append((score, rotation, (points, normals)))
     if not found:
-        raise InputError("the guidance mesh shows no surface from any side", "Give a mesh of at least a mask's front.")
+        raise InputError(
+            "the guidance mesh shows no surface from any side", "Give a mesh of at least a mask's front."
+        )
     least = min(score for score, _, _ in found)
     return next((rotation, visible) for score, rotation, visible in found if score <= _TIE * least)
 
@@ -212,7 +224,9 @@ def _seen(mesh: Mesh, rotation: np.ndarray, pixels: int = 72) -> tuple[np.ndarra
     plane = Plane.around(xz, float(np.ptp(xz, axis=0).max()) / pixels, 0.0)
     if min(plane.width, plane.height) < 1:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    raster = rasterize(np.column_stack([plane.to_pixels(xz), turned[:, 1]]), mesh.faces, plane.width, plane.height)
+    raster = rasterize(
+        np.column_stack([plane.to_pixels(xz), turned[:, 1]]), mesh.faces, plane.width, plane.height
+    )
     hit = raster.face_id >= 0
     x, z = plane.centres()
     points = np.column_stack([x[hit], raster.depth[hit].astype(np.float64), z[hit]])
@@ -243,7 +257,7 @@ def _score(pose: Similarity, points: np.ndarray, shown: Mesh, template: Template
     how unlike its mirror image it is; and with eyes, how far it stands from the template's surface.
     """
     longest = _longest(template.mesh)
-    residual = pose.rms / longest * (1.0 + max(0.0, _turn_deg(pose.rotation) - _TURN_DEG) / 45.0)
+    residual = pose.rms / longest * (1.0 + max(0.0, turn_deg(pose.rotation) - _TURN_DEG) / 45.0)
     few = points[spread_points(points, 300)]
     middle = 0.5 * (points[:, 0].min() + points[:, 0].max())
     unlike, _ = cKDTree(points).query([2.0 * middle, 0.0, 0.0] + few * [-1.0, 1.0, 1.0])
@@ -307,7 +321,7 @@ def _trimmed_rms(values: np.ndarray, keep: float = 0.75) -> float:
 
 def _upright(pose: Similarity, points: np.ndarray, most_deg: float = _TURN_DEG) -> Similarity:
     """The pose without its turn, if it is below `most_deg`; the middle of the points stays where it was."""
-    if _turn_deg(pose.rotation) >= most_deg:
+    if turn_deg(pose.rotation) >= most_deg:
         return pose
     middle = points.mean(0)
     return Similarity(pose.scale, np.eye(3), pose.points(middle[None])[0] - pose.scale * middle, pose.rms)
@@ -317,7 +331,8 @@ def _moved(mesh: Mesh, pose: Similarity, rotation: np.ndarray) -> Mesh:
     return mesh.with_vertices(pose.points(mesh.vertices @ rotation.T))
 
 
-def _turn_deg(rotation: np.ndarray) -> float:
+def turn_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:
+    """Angle of a rotation, degrees."""
     return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
 
 

@@ -14,7 +14,7 @@ from fabcraft.geometry.contour import level_contours, smooth
 from fabcraft.geometry.heights import front_heights, lifted_over, smoothest_over
 from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.facing import Silhouette, eye_pair, faced, silhouette, too_deep
+from fabcraft.guidance.facing import Silhouette, eye_pair, faced, silhouette, too_deep, turn_deg
 from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, place
 from fabcraft.guidance.symmetry import mirror_axis
@@ -43,7 +43,9 @@ def target_relief(
         f"The guidance mesh was {_turn(facing.turned)}; it misses the template by "
         f"{100.0 * facing.residual:.1f} % of its size."
     ]
-    seen = silhouette(facing.mesh, template, float(np.ptp(facing.mesh.vertices[:, [0, 2]], axis=0).max()) / 900.0)
+    seen = silhouette(
+        facing.mesh, template, float(np.ptp(facing.mesh.vertices[:, [0, 2]], axis=0).max()) / 900.0
+    )
     drawing = _drawing(seen, template, notes)
     placed = place(drawing, template, settings)
     heights, fine = _heights(facing.mesh, drawing, placed, seen.plane, template)
@@ -55,8 +57,7 @@ def target_relief(
 
 def _turn(rotation: np.ndarray) -> str:
     """The turn in words."""
-    angle = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))))
-    if angle < 0.5:
+    if turn_deg(rotation) < 0.5:
         return "left as it stands"
     names = np.array([["-x", "x"], ["-y", "y"], ["-z", "z"]])
 
@@ -75,15 +76,23 @@ def _drawing(seen: Silhouette, template: Template, notes: list[str]) -> Drawing:
     outline = _contour(np.where(seen.shape & (field < 0.5), 1.0, field), pixel_mm)
     pair = eye_pair(seen, template)
     if seen.dropped_mm2 > _NOTABLE_MM2:
-        notes.append(f"Pieces apart from the largest one were left out ({seen.dropped_mm2:.0f} mm² seen from the front).")
+        notes.append(
+            f"Pieces apart from the largest one were left out ({seen.dropped_mm2:.0f} mm² seen from the front)."
+        )
     if pair is None:
-        notes.append("The guidance mesh has no opening before each eye; the template's own openings are used.")
+        notes.append(
+            "The guidance mesh has no opening before each eye; the template's own openings are used."
+        )
     others = [hole.sum() * pixel_mm**2 for i, hole in enumerate(seen.holes) if pair is None or i not in pair]
     closed = [area for area in others if area > _NOTABLE_MM2]
     if closed:
-        notes.append(f"Other holes of the guidance mesh were closed: {len(closed)}, up to {max(closed):.0f} mm².")
+        notes.append(
+            f"Other holes of the guidance mesh were closed: {len(closed)}, up to {max(closed):.0f} mm²."
+        )
     eyes = tuple(
-        _contour(np.where(binary_dilation(seen.holes[i], np.ones((3, 3)), 2), 1.0 - seen.coverage, 0.0), pixel_mm)
+        _contour(
+            np.where(binary_dilation(seen.holes[i], np.ones((3, 3)), 2), 1.0 - seen.coverage, 0.0), pixel_mm
+        )
         for i in pair or ()
     )
     axis = mirror_axis(seen.shape)
@@ -109,7 +118,9 @@ def _contour(coverage: np.ndarray, pixel_mm: float) -> np.ndarray:
     """The longest contour of half coverage, pixels, freed of pixel stairs."""
     contours = level_contours(coverage, 0.5, soften=0.7)
     if not contours:
-        raise InputError("the guidance mesh is too thin to be seen from the front", "Give a mesh of a mask's front.")
+        raise InputError(
+            "the guidance mesh is too thin to be seen from the front", "Give a mesh of a mask's front."
+        )
     return smooth(contours[0], 0.8 / pixel_mm, corner_reach=3.0 / pixel_mm)
 
 
@@ -143,9 +154,13 @@ def _split(
     given = np.where(known, heights - level, 0.0)
     soft = gaussian_filter(given, sigma) / np.maximum(gaussian_filter(known.astype(np.float64), sigma), 1e-9)
     down, across = np.gradient(np.where(known, soft, 0.0), fine.pixel_mm)
-    gentle = (distance_transform_edt(known) > 1.0) & (np.hypot(down, across) < _STEEP)
+    steep = known & (np.hypot(down, across) >= _STEEP)
+    gentle = (distance_transform_edt(known) > 1.0) & ~steep
     usable = gentle if gentle.sum() > 0.5 * known.sum() else known
+    # beside a flank the residue is the flank's own bend
+    beside = distance_transform_edt(~steep) * fine.pixel_mm if steep.any() else np.full(steep.shape, np.inf)
     detail = np.where(usable, np.clip(given - soft, 0.0, DETAIL_LIMIT_MM), 0.0)
+    detail *= np.clip(0.5 * beside - 0.5, 0.0, 1.0)
     return np.where(usable, level + soft, -np.inf), gaussian_filter(detail, 0.2 / fine.pixel_mm)
 
 
@@ -154,7 +169,9 @@ def _sheet(
 ) -> tuple[Float64[np.ndarray, "h w"], Plane]:
     """The soft heights at the centres of a 1 mm grid of even size; -inf where unknown."""
     plane = Plane.around(outline, 1.0, 12.0)
-    plane = Plane(plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2)
+    plane = Plane(
+        plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2
+    )
     usable = np.isfinite(soft)
     x, z = plane.centres()
     xz = np.column_stack([x.ravel(), z.ravel()])
@@ -186,12 +203,16 @@ def _rested(
     height = height + shift
     lift = lifted_over(np.zeros_like(height), floor - height, plane.pixel_mm, 3.0)
     if known.any() and lift[known].max() > 3.0:
-        notes.append(f"The guidance was raised by up to {lift[known].max():.0f} mm where it would touch the face.")
+        notes.append(
+            f"The guidance was raised by up to {lift[known].max():.0f} mm where it would touch the face."
+        )
     rests = core & (front.at(front.contact, xz).reshape(x.shape) > 0.5)
     if rests.any():
         gap = float((height + lift - floor)[rests].mean())
         if gap > 6.0:
-            notes.append(f"The guidance stands {gap:.0f} mm before the forehead, cheekbones and nose where a mask rests.")
+            notes.append(
+                f"The guidance stands {gap:.0f} mm before the forehead, cheekbones and nose where a mask rests."
+            )
     return height + lift
 
 
@@ -201,14 +222,12 @@ def _extended(
     """The sheet where it is known, and the smoothest way on where it is not (solved at 2 mm)."""
     coarse = Plane(plane.left_mm, plane.top_mm, 2.0, plane.width // 2, plane.height // 2)
     blocks = (coarse.height, 2, coarse.width, 2)
-    count = known.reshape(blocks).sum((1, 3))
-    total = np.where(known, sheet, 0.0).reshape(blocks).sum((1, 3))
-    wanted = np.where(count > 0, total / np.maximum(count, 1), -np.inf)
-    free = np.full(wanted.shape, -np.inf)
-    smooth_way = smoothest_over(free, wanted, 0.25 * count, coarse.pixel_mm, 5.0, 60.0)
+    whole = known.reshape(blocks).all((1, 3))  # the mean of a part of a block is not the height at its centre
+    wanted = np.where(whole, np.where(known, sheet, 0.0).reshape(blocks).mean((1, 3)), -np.inf)
+    free, weight = np.full(wanted.shape, -np.inf), whole.astype(np.float64)
+    smooth_way = smoothest_over(free, wanted, weight, coarse.pixel_mm, 5.0, 60.0)
     x, z = plane.centres()
     way = coarse.sample(smooth_way, np.column_stack([x.ravel(), z.ravel()]), order=3).reshape(x.shape)
-    away, (rows, columns) = distance_transform_edt(~known, return_indices=True)
-    # what the smooth surface misses at the border dies out over a few millimetres, so that no step is left there
-    missed = np.where(known, sheet - way, 0.0)[rows, columns]
-    return way + missed * np.exp(-((away * plane.pixel_mm / 4.0) ** 2))
+    # the smooth surface takes over within the last millimetres, so that no step is left at the border
+    inner = np.clip((distance_transform_edt(known) - 2.0) * plane.pixel_mm / 3.0, 0.0, 1.0)
+    return way + inner**2 * (3.0 - 2.0 * inner) * np.where(known, sheet - way, 0.0)

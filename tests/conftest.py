@@ -1,0 +1,53 @@
+"""One whole run of `fabcraft make`, made once and looked at by many tests."""
+
+import contextlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from fabcraft import pipeline
+from fabcraft.cli import main
+from fabcraft.pipeline import Made
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run left behind."""
+
+    code: int
+    folder: Path
+    report: dict
+    """What --json printed."""
+    progress: str
+    """What stderr said."""
+    made: Made
+
+
+@pytest.fixture(scope="session")
+def cat(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The cat mask for a man, draft, as 3MF and STL with everything beside them."""
+    folder = tmp_path_factory.mktemp("cat")
+    kept: list[Made] = []
+    original = pipeline.make
+
+    def keeping(*arguments, **named) -> Made:
+        kept.append(original(*arguments, **named))
+        return kept[-1]
+
+    said, told = io.StringIO(), io.StringIO()
+    words = ["make", "mask", "--sketch", str(EXAMPLES / "cat-mask.png"), "--preset", "draft", "--json"]
+    words += ["-o", str(folder / "out" / "cat.3mf"), "-o", str(folder / "out" / "cat.stl")]
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(said),
+        contextlib.redirect_stderr(told),
+    ):
+        patch.setattr(pipeline, "make", keeping)
+        code = main(words)
+    assert kept, told.getvalue()
+    return Run(code, folder, json.loads(said.getvalue()), told.getvalue(), kept[0])

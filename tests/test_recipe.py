@@ -1,0 +1,92 @@
+"""Recipes: what a file says is what is made, and what it misspells is named."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fabcraft.errors import InputError
+from fabcraft.guidance.inflate import InflateSettings
+from fabcraft.guidance.placement import PlacementSettings
+from fabcraft.recipe import Recipe, read_recipe, recipe_of, recipe_toml
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "cat-mask.toml"
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "r.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_example_names_its_own_sketch_and_an_output_where_the_command_runs() -> None:
+    recipe = read_recipe(EXAMPLE)
+    assert Path(recipe.sketch) == EXAMPLE.parent / "cat-mask.png"
+    assert recipe.output == ("out/cat-mask.3mf",)
+    assert (recipe.body, recipe.printer, recipe.preset) == ("man", "prusa-mk4", "draft")
+
+
+def test_a_recipe_comes_back_from_its_own_toml() -> None:
+    recipe = Recipe(
+        sketch='c "a" t.png',
+        output=("a.3mf", "b.stl"),
+        preset="draft",
+        seed=3,
+        wall_mm=2.8,
+        pictures=False,
+        placement=PlacementSettings(scale=1.1, left_mm=-2.0),
+        inflate=InflateSettings(swell=0.1),
+    )
+    import tomllib
+
+    assert recipe_of(tomllib.loads(recipe_toml(recipe))) == recipe
+
+
+def test_a_travelling_recipe_tells_no_folders() -> None:
+    text = recipe_toml(Recipe(sketch="/home/anna/secret/cat.png", output=("/home/anna/cat.3mf",)))
+    assert "anna" not in text
+    assert 'sketch = "cat.png"' in text
+
+
+def test_one_output_may_stand_without_a_list() -> None:
+    assert recipe_of({"output": "a.3mf"}).output == ("a.3mf",)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('skecth = "a.png"', ["skecth", "sketch"]),
+        ("[placement]\nupp_mm = 3", ["placement.upp_mm", "placement.up_mm"]),
+        ("sketch = 3", ["sketch", "str", "int"]),
+        ('preset = "drfat"', ["preset", "drfat", "'draft'", "'standard'"]),
+        ('template = "helmet"', ["template", "'mask'"]),
+        ("wall_mm = 90.0", ["90", "between 0.2 and 20"]),
+        ("[placement]\nup_mm = nan", ["up_mm", "nan"]),
+        ("[inflate]\nswell = inf", ["swell", "inf"]),
+        ("[placement]\nscale = 9.0", ["9.0", "between 0.5 and 2"]),
+        ("placement = 3", ["placement"]),
+        ("sketch = ", ["not valid TOML"]),
+    ],
+)
+def test_what_does_not_fit_is_named(tmp_path: Path, text: str, words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        read_recipe(written(tmp_path, text))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_missing_a_binary_and_a_folder_are_no_recipes(tmp_path: Path) -> None:
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    for path, word in (
+        (tmp_path / "no.toml", "no recipe"),
+        (tmp_path / "b.toml", "not text"),
+        (tmp_path, "folder"),
+    ):
+        with pytest.raises(InputError, match=word):
+            read_recipe(path)
+
+
+def test_only_files_that_lie_beside_the_recipe_are_taken_from_there(tmp_path: Path) -> None:
+    (tmp_path / "cat.png").write_bytes(b"x")
+    recipe = read_recipe(written(tmp_path, 'sketch = "cat.png"\nbody = "man"\nprinter = "form4"'))
+    assert recipe == replace(Recipe(), sketch=str(tmp_path / "cat.png"), printer="form4")
