@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from masked import assert_clean_sheet, drawing, ring, template, two_eyes
 
+from fabcraft.geometry.contour import signed_area
 from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.inflate import InflateSettings, _membrane, inflate, solid_mask
 from fabcraft.guidance.placement import place
@@ -32,14 +33,16 @@ def test_the_membrane_over_a_disc_is_the_closed_form():
     u = _membrane(domain, np.zeros_like(radius), 1.0)
     exact = 0.25 * (40.0**2 - radius**2)
     assert u[domain] == pytest.approx(exact[domain], abs=0.03 * exact.max())
-    assert u[radius < 2] == pytest.approx(exact[radius < 2], rel=0.015)
+    # the membrane is held at the centres of the next pixels: its disc is up to half a pixel larger
+    assert u[radius < 2] == pytest.approx(exact[radius < 2], rel=0.025)
     assert (u[~domain] == 0.0).all()
 
 
 def test_the_membrane_does_not_depend_on_the_pixel():
     coarse, fine = (Plane(-45.0, 45.0, p, round(90 / p), round(90 / p)) for p in (2.0, 1.0))
     tops = [
-        _membrane(np.hypot(*p.centres()) < 40.0, np.zeros((p.height, p.width)), p.pixel_mm).max() for p in (coarse, fine)
+        _membrane(np.hypot(*p.centres()) < 40.0, np.zeros((p.height, p.width)), p.pixel_mm).max()
+        for p in (coarse, fine)
     ]
     assert tops[0] == pytest.approx(tops[1], rel=0.03)
 
@@ -117,8 +120,6 @@ def test_the_swell_stays_under_its_limit(placed):
 def test_what_the_object_covers_is_the_outline_without_the_openings(relief):
     plane = Plane.around(relief.outline, 0.25, 2.0)
     solid = solid_mask(relief.outline, relief.openings, plane)
-    from fabcraft.geometry.contour import signed_area
-
     area = signed_area(relief.outline) - sum(abs(signed_area(opening)) for opening in relief.openings)
     assert solid.sum() * 0.25**2 == pytest.approx(area, rel=0.003)
     room = relief.room_at(np.vstack([relief.outline, *relief.openings]))

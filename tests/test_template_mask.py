@@ -34,7 +34,9 @@ def test_the_rims_are_the_boundary_in_order(name):
     once, count = np.unique(edges, axis=0, return_counts=True)
     boundary = {tuple(edge) for edge in once[count == 1].tolist()}
     along = {
-        tuple(sorted(pair)) for rim in placed.rims for pair in zip(rim.tolist(), np.roll(rim, -1).tolist(), strict=True)
+        tuple(sorted(pair))
+        for rim in placed.rims
+        for pair in zip(rim.tolist(), np.roll(rim, -1).tolist(), strict=True)
     }
     assert along == boundary
     assert signed_area(placed.outline) > 0

@@ -116,8 +116,10 @@ def fit(
     flat = fit_flat(
         start, rims, template.edge_mm, settings.flat_steps, settings.pixels, settings.flat, flat_watch
     )
-    sheet = raised(flat.sheet, template.front.base_at)
-    stages.append(("outline", sheet))
+    stages.append(("outline", raised(flat.sheet, template.front.base_at)))
+    # a relief that stands off the template as a whole is met half-way: only its shape is left to the Jacobians
+    away = float((relief.height_at(flat.sheet.points) - template.front.base_at(flat.sheet.points)).mean())
+    sheet = raised(flat.sheet, lambda xz: template.front.base_at(xz) + away)
 
     def lifted_watch(step: int, values: dict[str, float], now: Mesh) -> None:
         if step == settings.lifted_steps // 4:

@@ -92,8 +92,10 @@ def lifted_over(
     soft = gaussian_filter(height, sigma, mode="nearest")
     missing = np.maximum(np.where(np.isfinite(obstacle), obstacle - soft, 0.0), 0.0)
     reach = int(3.0 * sigma + 0.5)
-    # the filter's window is a square: so is the spread, or its corners would see less than the missing height
-    spread = grey_dilation(missing, size=(2 * reach + 1, 2 * reach + 1), mode="nearest")
+    # the filter's window is a square: the disc around it, or its corners would see less than the missing height
+    across = int(np.ceil(reach * np.sqrt(2.0)))
+    rows, columns = np.mgrid[-across : across + 1, -across : across + 1]
+    spread = grey_dilation(missing, footprint=rows**2 + columns**2 <= across**2, mode="nearest")
     return soft + gaussian_filter(spread, sigma, mode="nearest", radius=reach)
 
 

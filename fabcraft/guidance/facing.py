@@ -100,7 +100,8 @@ def silhouette(mesh: Mesh, template: Template, pixel_mm: float) -> Silhouette:
     """
     xz = mesh.vertices[:, [0, 2]]
     plane = Plane.around(xz, pixel_mm, 6.0 * pixel_mm)
-    coverage = silhouette_mask(plane.to_pixels(xz), mesh.faces, plane.width, plane.height)
+    finer = 4 if pixel_mm < 0.5 else 2
+    coverage = silhouette_mask(plane.to_pixels(xz), mesh.faces, plane.width, plane.height, finer)
     coverage = np.where(too_deep(front_heights(mesh, plane), plane, template), np.float32(0.0), coverage)
     pieces, count = label(coverage >= 0.5, np.ones((3, 3)))
     if count == 0:

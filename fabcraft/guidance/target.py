@@ -222,7 +222,9 @@ def _extended(
     """The sheet where it is known, and the smoothest way on where it is not (solved at 2 mm)."""
     coarse = Plane(plane.left_mm, plane.top_mm, 2.0, plane.width // 2, plane.height // 2)
     blocks = (coarse.height, 2, coarse.width, 2)
-    whole = known.reshape(blocks).all((1, 3))  # the mean of a part of a block is not the height at its centre
+    whole = np.asarray(
+        known.reshape(blocks).all((1, 3))
+    )  # the mean of a part of a block is not the height at its centre
     wanted = np.where(whole, np.where(known, sheet, 0.0).reshape(blocks).mean((1, 3)), -np.inf)
     free, weight = np.full(wanted.shape, -np.inf), whole.astype(np.float64)
     smooth_way = smoothest_over(free, wanted, weight, coarse.pixel_mm, 5.0, 60.0)
