@@ -197,7 +197,7 @@ def _around(grid: Grid, flat: np.ndarray, marked: np.ndarray) -> np.ndarray:
     return found[~marked[found]]
 
 
-_LEAST_NODE_SHARE = 0.03
+_LEAST_NODE_SHARE = 0.004
 
 
 def isosurface(grid: Grid, volume: Float[np.ndarray, "X Y Z"], name: str = "") -> Mesh:
@@ -207,7 +207,7 @@ def isosurface(grid: Grid, volume: Float[np.ndarray, "X Y Z"], name: str = "") -
     """
     if not (volume < 0).any():
         raise SolidError("the surface is empty: no point of the grid lies inside", "Use a thicker wall.")
-    # A surface that passes a node almost exactly makes needles there; moved by up to 3 % of a cell it does not.
+    # A surface that passes a node almost exactly makes needles there; moved by up to 0.4 % of a cell it does not.
     least = _LEAST_NODE_SHARE * grid.cell_mm
     volume = np.where(np.abs(volume) < least, np.where(volume < 0, -least, least), volume).astype(np.float32)
     vertices, faces, _, _ = marching_cubes(volume, 0.0, gradient_direction="descent", allow_degenerate=True)
