@@ -362,7 +362,7 @@ def test_a_sketch_that_is_none_is_refused(
 def test_two_drawings_on_a_page_are_warned_about(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     from drawn import arc
 
-    path = drawn(tmp_path / "two.png", page([head(), *eyes(), (arc((90.0, 90.0), 60.0), None)]))
+    path = drawn(tmp_path / "two.png", page([head(), *eyes(), (arc((100.0, 100.0), 95.0), None)]))
     assert main(["guidance", path, "--json"]) == 0
     assert any("drawing" in text for text in json.loads(capsys.readouterr().out)["warnings"])
 

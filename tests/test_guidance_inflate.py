@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from masked import assert_clean_sheet, drawing, ring, template, two_eyes
 
+from fabcraft.errors import InputError
 from fabcraft.geometry.contour import signed_area
 from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.inflate import InflateSettings, _membrane, inflate, solid_mask
@@ -137,3 +138,9 @@ def test_the_same_drawing_gives_the_same_relief(placed, relief):
     again = inflate(placed, template())
     assert again.height.tobytes() == relief.height.tobytes()
     assert again.detail.tobytes() == relief.detail.tobytes()
+
+
+@pytest.mark.parametrize("wrong", [{"swell": -0.1}, {"stroke_height_mm": 50.0}, {"stroke_width_mm": float("nan")}])
+def test_settings_out_of_range_are_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        InflateSettings(**wrong)

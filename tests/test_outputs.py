@@ -17,9 +17,11 @@ from fabcraft import outputs
 from fabcraft.body.human import human
 from fabcraft.check.slicer import ask_slicer
 from fabcraft.errors import InputError
-from fabcraft.outputs import body_picture, require_places, side_files, write_all, write_together
+from fabcraft.outputs import side_files, write_all
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe, recipe_of
+from fabcraft.write.landmarks import body_picture
+from fabcraft.write.places import require_places, write_together
 from fabcraft.write.threemf import read_recipe, read_report
 
 NEEDS_SLICER = pytest.mark.skipif(
@@ -80,7 +82,7 @@ def test_the_slicer_finds_one_manifold_part_and_slices_it(cat) -> None:
         text=True,
         timeout=60,
     )
-    info = dict(line.split(" = ") for line in told.stdout.splitlines() if " = " in line)
+    info = dict(map(str.strip, line.split(" = ")) for line in told.stdout.splitlines() if " = " in line)
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")
     assert info.get("open_edges", "0") == "0"
     answer = ask_slicer(read_mesh(cat.folder / "out" / "cat.stl"), cat.made.profile, slice_it=True)

@@ -95,6 +95,6 @@ def test_a_misspelt_body_brings_the_one_that_comes_close() -> None:
 
 
 def test_of_two_drawings_the_larger_is_used_and_the_report_says_so() -> None:
-    drawing = understand(page([head(), *eyes(), (arc((90.0, 90.0), 60.0), None)]))
+    drawing = understand(page([head(), *eyes(), (arc((100.0, 100.0), 95.0), None)]))
     assert np.ptp(drawing.outline[:, 0]) > 600
     assert any("drawing" in text for text in drawing.warnings)

@@ -1,4 +1,4 @@
-"""The command line: `fabcraft make | check | solid | guidance | printers | bodies | templates`.
+"""The command line: `fabcraft make | check | solid | guidance | printers | bodies | templates | weights`.
 
 Results go to stdout, progress and errors to stderr; `--json` prints the report alone. Exit codes:
 0 printable, 1 made but the report has a failure, 2 usage or unreadable input, 3 something needed is absent,
@@ -14,11 +14,13 @@ from collections.abc import Callable, Sequence
 from cyclopts import App, CycloptsError
 
 from fabcraft import __version__
-from fabcraft.cli.catalogue import PLAIN, bodies, guidance, printers, templates
+from fabcraft.cli.catalogue import PLAIN, bodies, printers, templates
 from fabcraft.cli.check import check
 from fabcraft.cli.console import drop_stdout, say
+from fabcraft.cli.guidance import guidance
 from fabcraft.cli.make import make
 from fabcraft.cli.solid import solid
+from fabcraft.cli.weights import weights
 from fabcraft.errors import FabcraftError
 
 DEFECT, INTERRUPTED = 70, 130
@@ -43,11 +45,12 @@ app = App(
     help_format="plaintext",
     default_parameter=PLAIN,
     result_action="return_value",
+    suppress_keyboard_interrupt=False,  # it has a sentence and a code of its own here
 )
 _COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance)
 for position, function in enumerate(_COMMANDS):
     app.command(function, sort_key=position, help_epilogue="")
-for group in (bodies, printers, templates):
+for group in (bodies, printers, templates, weights):
     app.command(group)
 
 

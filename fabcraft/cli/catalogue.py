@@ -1,14 +1,14 @@
-"""`fabcraft printers | bodies | templates | guidance`: what there is to choose from, what a drawing says."""
+"""`fabcraft printers | bodies | templates`: what there is to choose from."""
 
 from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from cyclopts import App, Parameter
 
 from fabcraft.cli.console import painted, result, result_json, table
+from fabcraft.cli.guidance import require_png, written_png, wrote
 from fabcraft.cli.make import TEMPLATES, known_template
 
 Units = Literal["mm", "cm", "m", "in"]
@@ -125,7 +125,7 @@ def show_body(
     from fabcraft.body.measures import head_measures
 
     if picture is not None:
-        _require_png(picture, [body])
+        require_png(picture, [body])
     from fabcraft.pipeline import find_body
 
     whole = find_body(body, body_units or "")
@@ -140,9 +140,9 @@ def show_body(
         "notes": list(person.notes),
     }
     if picture is not None:
-        from fabcraft.outputs import body_picture
+        from fabcraft.write.landmarks import body_picture
 
-        told["files"] = _written_png(picture, body_picture(person))
+        told["files"] = written_png(picture, body_picture(person))
     if json:
         result_json(told)
         return 0
@@ -158,7 +158,7 @@ def show_body(
     ]
     rows = [("landmark, mm", "x", "y", "z")]
     rows += [(name, *(f"{one:.1f}" for one in point)) for name, point in told["landmarks"].items()]
-    lines += [_listed(rows), *(["", *person.notes] if person.notes else []), *_wrote(told)]
+    lines += [_listed(rows), *(["", *person.notes] if person.notes else []), *wrote(told)]
     result("\n".join(lines))
     return 0
 
@@ -218,131 +218,6 @@ def show_template(
     rows = [(key.replace("_", " "), _worded(value)) for key, value in told.items() if value != []]
     result(table(rows))
     return 0
-
-
-def guidance(
-    file: str,
-    /,
-    *,
-    template: str = "mask",
-    body: str = "man",
-    body_units: Units | None = None,
-    show_input: str | None = None,
-    json: bool = False,
-) -> int:
-    """Tell what is understood of a drawing or a mesh, without making anything.
-
-    Examples:
-
-      fabcraft guidance cat.png --show-input understood.png
-      fabcraft guidance bust.stl --body woman --json
-
-    Parameters
-    ----------
-    file
-        A picture of a line drawing, or a mesh to look like.
-    template
-        mask.
-    body
-        man, woman, child, or the file of a head scan.
-    body_units
-        Unit of the scan; proposed from its size when left out.
-    show_input
-        Also write a picture of what was understood of a drawing (.png).
-    json
-        Print JSON.
-    """
-    known_template(template)
-    if show_input is not None:
-        _require_png(show_input, [file, body])
-    from fabcraft.read.mesh_file import FORMATS
-
-    if Path(file).suffix.lower().removeprefix(".") in FORMATS:
-        told = _of_mesh(file, body, body_units)
-    else:
-        told = _of_drawing(file, body, body_units, show_input)
-    if json:
-        result_json(told)
-        return 0
-    lines = [*told["route"], told["understood"]]
-    lines += [painted("warn", "warn") + f" {text}" for text in told["warnings"]]
-    lines += [painted("note", "note") + f" left out: {text}" for text in told["residual"]]
-    result("\n".join([*lines, *_wrote(told)]))
-    return 0
-
-
-def _of_drawing(file: str, body: str, units: str | None, picture: str | None) -> dict[str, Any]:
-    from fabcraft.guidance.edges import understand
-    from fabcraft.guidance.placement import place
-    from fabcraft.guidance.show import picture_of
-    from fabcraft.pipeline import find_body
-    from fabcraft.read.image_file import read_image
-    from fabcraft.template.mask import mask
-
-    drawing = understand(read_image(file))
-    placed = place(drawing, mask(find_body(body, units or "")))
-    width, height = np.ptp(placed.outline, axis=0)
-    by = "eyes" if placed.by_eyes else "outline"
-    counts = f"{len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
-    told = {
-        "route": [
-            f"sketch {Path(file).name}, {drawing.width} x {drawing.height} pixels",
-            f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm",
-        ],
-        "understood": f"an outline, {counts}",
-        "outline_closed": drawing.outline_closed,
-        "holes": len(placed.openings) + len(drawing.holes),
-        "strokes": len(drawing.strokes),
-        "residual": list(drawing.dropped),
-        "warnings": [*drawing.warnings, *placed.notes],
-    }
-    return told | ({} if picture is None else {"files": _written_png(picture, picture_of(drawing))})
-
-
-def _of_mesh(file: str, body: str, units: str | None) -> dict[str, Any]:
-    from fabcraft.guidance.placement import PlacementSettings
-    from fabcraft.guidance.target import target_relief
-    from fabcraft.pipeline import find_body
-    from fabcraft.read.mesh_file import read_mesh
-    from fabcraft.template.mask import mask
-
-    mesh = read_mesh(file)
-    relief, said = target_relief(mesh, mask(find_body(body, units or "")), PlacementSettings())
-    width, height = np.ptp(relief.outline, axis=0)
-    return {
-        "route": [
-            f"guidance mesh {Path(file).name}, {len(mesh.faces):,} faces",
-            f"placed: {width:.0f} x {height:.0f} mm",
-        ],
-        "understood": f"an outline, {len(relief.openings)} openings",
-        "outline_closed": True,
-        "holes": len(relief.openings),
-        "strokes": 0,
-        "residual": [],
-        "warnings": list(said),
-    }
-
-
-def _require_png(place: str, inputs: list[str]) -> None:
-    from fabcraft.errors import InputError
-    from fabcraft.outputs import require_places
-
-    if Path(place).suffix.lower() != ".png":
-        raise InputError(f"cannot write {place}: pictures are written as PNG", "End the name in .png.")
-    require_places([place], inputs)
-
-
-def _written_png(place: str, image: np.ndarray) -> list[str]:
-    from fabcraft.outputs import write_together
-    from fabcraft.write.atomic import write_atomically
-    from fabcraft.write.picture import png_bytes
-
-    write_together([(Path(place), lambda: write_atomically(place, png_bytes(image)))])
-    return [place]
-
-
-def _wrote(told: dict[str, Any]) -> list[str]:
-    return ["", *(f"wrote {file}" for file in told["files"])] if "files" in told else []
 
 
 def _listed(rows: Sequence[tuple[str, ...]]) -> str:

@@ -60,7 +60,7 @@ def check(
     if problems:
         checked_extension(problems)
     if places:
-        from fabcraft.outputs import require_places
+        from fabcraft.write.places import require_places
 
         require_places(places, [file, printer])
     profile = load_profile(printer)
@@ -83,11 +83,11 @@ def _written(
     """The report, after its page and the faces that are wrong were written."""
     import numpy as np
 
-    from fabcraft.outputs import write_together
     from fabcraft.write.camera import VIEWS
     from fabcraft.write.files import write_mesh
     from fabcraft.write.page import write_page
     from fabcraft.write.picture import Item, png_bytes, scene_picture
+    from fabcraft.write.places import write_together
 
     topology, thickness = inspection.topology, inspection.thickness
     wrong = np.zeros(len(mesh.faces), bool) if topology is None else topology.problem_faces.copy()

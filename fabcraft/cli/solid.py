@@ -103,10 +103,10 @@ def _asked(
         )
     if clearance is not None and body is None:
         raise InputError("a clearance was given, but no body to keep it from", "Give --body as well.")
-    from fabcraft.outputs import require_places
     from fabcraft.profile import load_profile
     from fabcraft.solid.thicken import SolidSettings
     from fabcraft.write.files import checked_extension
+    from fabcraft.write.places import require_places
 
     checked_extension(output)
     require_places([output], [file, body or "", printer or ""])
@@ -160,8 +160,9 @@ def _report(
 def _write(place: Path, mesh: "Mesh", report: "PrintReport") -> None:
     import json
 
-    from fabcraft.outputs import NOT_IN_3MF, write_together
+    from fabcraft.outputs import NOT_IN_3MF
     from fabcraft.write.files import write_mesh
+    from fabcraft.write.places import write_together
 
     carried = {key: value for key, value in report.to_dict().items() if key not in NOT_IN_3MF}
     text = json.dumps(carried, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -121,32 +121,33 @@ def fit_flat(
     history: dict[str, list[float]] = {}
     each = -(-steps // ROUNDS)
     for index in range(ROUNDS):
-        flat = np.column_stack([(sheet.points - frame[0]) * frame[1], np.zeros(len(sheet.points))])
-        system = PoissonSystem.of(flat, sheet.faces)
-        terms = _terms(system, sheet, dense, frame, camera, wanted, weights)
-        rate = 2e-2 * (1.0 - index / ROUNDS) + 4e-3
-        seen = _watcher(watch, sheet, frame, index * each)
-        outcome = descend(
-            system,
-            terms,
-            Descent(each, rate, 0.5 * rate, final_share=0.5),
-            Variables.rest(len(sheet.faces), 2),
-            seen,
-        )
-        for name, values in outcome.history.items():
-            history.setdefault(name, []).extend(values)
-        sheet = PlaneMesh(outcome.positions / frame[1] + frame[0], sheet.faces, sheet.loops)
-        stopped = outcome.stopped
-        if index == ROUNDS - 1 or stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE):
+        try:
+            flat = np.column_stack([(sheet.points - frame[0]) * frame[1], np.zeros(len(sheet.points))])
+            system = PoissonSystem.of(flat, sheet.faces)
+            terms = _terms(system, sheet, dense, frame, camera, wanted, weights)
+            rate = 2e-2 * (1.0 - index / ROUNDS) + 4e-3
+            descent = Descent(each, rate, 0.5 * rate, final_share=0.5)
+            seen = _watcher(watch, sheet, frame, index * each)
+            outcome = descend(system, terms, descent, Variables.rest(len(sheet.faces), 2), seen)
+            for name, values in outcome.history.items():
+                history.setdefault(name, []).extend(values)
+            sheet = PlaneMesh(outcome.positions / frame[1] + frame[0], sheet.faces, sheet.loops)
+            stopped = outcome.stopped
+            if index == ROUNDS - 1 or stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE):
+                break
+            first, second = singular_values(torch.from_numpy(system.restricted(outcome.positions)))
+            if float(first.max()) > 1.4 or float(second.min()) < 0.7:
+                sheet = triangulate([sheet.points[loop] for loop in sheet.loops], edge_mm)
+                remeshed += 1
+        except KeyboardInterrupt:  # between the steps: while it factorises or remeshes
+            stopped = Stop.INTERRUPTED
             break
-        first, second = singular_values(torch.from_numpy(system.restricted(outcome.positions)))
-        if float(first.max()) > 1.4 or float(second.min()) < 0.7:
-            sheet = triangulate([sheet.points[loop] for loop in sheet.loops], edge_mm)
-            remeshed += 1
     return FlatFit(_snapped(sheet, dense, edge_mm), history, remeshed, stopped)
 
 
-def _watcher(watch: Callable[[PlaneMesh, int], None] | None, sheet: PlaneMesh, frame: Frame, before: int) -> Seen | None:
+def _watcher(
+    watch: Callable[[PlaneMesh, int], None] | None, sheet: PlaneMesh, frame: Frame, before: int
+) -> Seen | None:
     """What `descend` calls at every step: `watch` with the sheet in millimetres, every tenth step."""
     if watch is None:
         return None

@@ -12,6 +12,7 @@ from jaxtyping import Float64
 
 from fabcraft.errors import InputError
 from fabcraft.fit.descend import Stop
+from fabcraft.fit.determinism import same_every_time
 from fabcraft.fit.direct import direct
 from fabcraft.fit.flat import FlatWeights, fit_flat, rim_targets
 from fabcraft.fit.lift import LiftTargets, LiftWeights, fit_lifted
@@ -79,6 +80,7 @@ class Design:
     settings: FitSettings
 
 
+@same_every_time()
 def fit(
     template: Template,
     relief: Relief,

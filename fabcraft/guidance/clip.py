@@ -38,10 +38,10 @@ DEFAULT = "ViT-B-32-quickgelu/openai"
 """The encoder of the paper: 512 numbers a picture, weights of OpenAI."""
 
 KNOWN = {
-    DEFAULT: "151 million parameters, MIT; the default",
-    "ViT-B-32-256/datacomp_s34b_b86k": "151 million parameters, MIT; trained on more pictures, of 256 px",
-    "ViT-B-16-quickgelu/openai": "150 million parameters, MIT; smaller patches, about twice as slow",
-    "ViT-L-14-quickgelu/openai": "428 million parameters, MIT; for a graphics card",
+    DEFAULT: "151 million parameters; the default",
+    "ViT-B-32-256/datacomp_s34b_b86k": "151 million parameters; trained on more pictures, of 256 px",
+    "ViT-B-16-quickgelu/openai": "150 million parameters; smaller patches, about twice as slow",
+    "ViT-L-14-quickgelu/openai": "428 million parameters; for a graphics card",
 }
 """Encoders to choose from, with what to know about them; any other ARCHITECTURE/TAG of open_clip may do as well."""
 
@@ -223,13 +223,14 @@ def load_clip(name: str | Path = DEFAULT, device: str | torch.device = "cpu") ->
 def weights_of(name: str) -> Weights:
     """Where the weights of the encoder `name`, ARCHITECTURE/TAG of open_clip, are to be had.
 
-    Raises `InputError` for a name that open_clip does not know.
+    Raises `InputError` for a name that open_clip does not know, and for an encoder that cannot be used here.
     """
     library = open_clip()
     architecture, _, tag = name.rpartition("/")
     place = library.pretrained.get_pretrained_cfg(architecture, tag).get("hf_hub", "")
     if not place:
         raise _unknown(name)
+    _require_supported(library.get_model_config(architecture), name)
     repository, _, file = place.rpartition("/")
     if not file:
         constants = library.constants
@@ -274,7 +275,7 @@ def _require_supported(config: Mapping[str, Any], name: str) -> None:
     """Refuse what would fetch something while it is built, and what reads words by a dictionary that is not here."""
     text, vision = config.get("text_cfg", {}), config.get("vision_cfg", {})
     remote = ":" in str(vision.get("timm_model_name") or "") or vision.get("timm_model_pretrained")
-    words = text.get("hf_model_name") or text.get("hf_tokenizer_name") or "siglip" in name.lower()
+    words = text.get("hf_model_name") or text.get("hf_tokenizer_name")
     if words or remote or "multimodal_cfg" in config:
         raise InputError(
             f"the encoder {name} needs parts that its weights do not bring",
@@ -307,6 +308,6 @@ def _unknown(name: str) -> InputError:
     names = ["/".join(pair) for pair in open_clip().list_pretrained()]
     close = get_close_matches(name, names, 1) or [DEFAULT]
     return InputError(
-        f"no encoder is called '{name}', and no checkpoint lies there",
+        f"no encoder is called '{name}'",
         f"Did you mean {close[0]}? `fabcraft weights list` shows what there is.",
     )

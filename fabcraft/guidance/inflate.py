@@ -17,6 +17,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise, resample_open, signed_area, signed_distance_image
 from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.placement import PlacedDrawing
@@ -24,6 +25,17 @@ from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
 _EXACT_MM = 4.5  # beyond the widest bead, the raster's own distance is good enough
+
+
+INFLATE_RANGES = {
+    "swell": (0.0, 1.0),
+    "swell_limit_mm": (0.5, 40.0),
+    "stroke_height_mm": (0.0, 6.0),
+    "stroke_width_mm": (0.4, 8.0),
+    "region_height_mm": (0.0, 8.0),
+    "rim_height_mm": (0.0, 4.0),
+}
+"""What a wall can carry and a mask can look like."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,14 @@ class InflateSettings:
     """Height of the cushion that a drawn region (a nose) becomes."""
     rim_height_mm: float = 0.8
     """Height of the bead along the outline and around the openings; 0 for none."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in INFLATE_RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise InputError(
+                    f"{name} = {getattr(self, name)} was asked for the relief",
+                    f"Choose between {low:g} and {high:g}.",
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,7 +156,7 @@ def _table(heading: str, entries: Mapping[str, Any]) -> str:
         label, own = (stem, _UNITS[ending]) if known else (str(name), "")
         if ending == "share" and isinstance(value, int | float):
             label, own, value = stem or label, "%", 100.0 * value
-        kind = "words" if isinstance(value, str) and " " in value else "number"
+        kind = "words" if isinstance(value, str) and not value[:1].isdigit() else "number"
         shown = _safe(_shown(value, own))
         rows.append(f'<tr><th>{_safe(_words(label))}</th><td class="{kind}">{shown}</td></tr>')
     if not rows:
