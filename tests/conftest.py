@@ -1,5 +1,9 @@
 """One whole run of `fabcraft make`, made once and looked at by many tests."""
 
+import os
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: spinning threads would wait for each other
+
 import contextlib
 import io
 import json
