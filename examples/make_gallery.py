@@ -20,7 +20,14 @@ from fabcraft.write.picture import Item, png_bytes, scene_picture
 from fabcraft.write.sheet import contact_sheet
 
 HERE = Path(__file__).parent
-WEARERS = {"cat-mask": "man", "bunny": "child", "owl": "woman", "crown": "woman", "butterfly": "woman", "fox": "child"}
+WEARERS = {
+    "cat-mask": "man",
+    "bunny": "child",
+    "owl": "woman",
+    "crown": "woman",
+    "butterfly": "woman",
+    "fox": "child",
+}
 COLOURS = {
     "cat-mask": (0.16, 0.44, 0.70),
     "bunny": (0.86, 0.55, 0.62),
@@ -49,7 +56,9 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     shown, labels = [], []
     for name, wearer in WEARERS.items():
-        made = fabcraft.make(fabcraft.Recipe(sketch=str(HERE / f"{name}.png"), body=wearer, preset="standard"))
+        made = fabcraft.make(
+            fabcraft.Recipe(sketch=str(HERE / f"{name}.png"), body=wearer, preset="standard")
+        )
         drawing = Image.open(HERE / f"{name}.png").convert("RGB")
         drawing.thumbnail(SIZE)
         page = Image.new("RGB", SIZE, "white")
@@ -64,7 +73,10 @@ def main() -> None:
             (folder / "cat-mask.png").write_bytes(png_bytes(sheet))
             stages = [*made.design.stages, ("printed object", made.object)]
             strip = evolution_strip(
-                [mesh for _, mesh in stages], [label for label, _ in stages], size=(300, 340), colour=COLOURS[name]
+                [mesh for _, mesh in stages],
+                [label for label, _ in stages],
+                size=(300, 340),
+                colour=COLOURS[name],
             )
             (folder / "evolution.png").write_bytes(png_bytes(strip))
     (folder / "gallery.png").write_bytes(png_bytes(contact_sheet(shown, labels, columns=4)))

@@ -19,7 +19,6 @@ from fabcraft.check.report import PrintReport
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 from fabcraft.recipe import Recipe, recipe_toml
-from fabcraft.solid.orient import onto_bed
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.camera import VIEWS
 from fabcraft.write.colours import BODY
@@ -88,11 +87,10 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
     report = replace(made.report, files=files)
     pictures = _pictures(made, tell) if beside else {}
     thumbnail = png_bytes(scene_picture([Item(made.object)], VIEWS["three_quarter"], (512, 512)))
-    on_bed, _ = onto_bed(made.object, made.profile)
     jobs: list[tuple[Path, Callable[[], object]]] = []
     for path in map(Path, recipe.output):
         # what goes to the slicer lies on the bed; what goes to a viewer or a modeller stays on the body
-        mesh = on_bed if checked_extension(path) in (".3mf", ".stl") else made.object
+        mesh = made.on_bed if checked_extension(path) in (".3mf", ".stl") else made.object
         jobs.append((path, functools.partial(_write_object, path, mesh, made, report, thumbnail)))
     if beside:
         text = report.to_json().encode()

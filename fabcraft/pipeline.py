@@ -12,30 +12,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from fabcraft.body.body import Body
 from fabcraft.body.human import PRESETS, human
-from fabcraft.check.inspect import Inspection, Worn, inspect_mesh
+from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.plane import Plane
-from fabcraft.geometry.raster import silhouette_mask
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.guidance.edges import understand
-from fabcraft.guidance.inflate import Relief, inflate, solid_mask
+from fabcraft.guidance.inflate import Relief, inflate
 from fabcraft.guidance.placement import place
 from fabcraft.guidance.target import target_relief
+from fabcraft.judge import likeness, seat_findings, worn
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe
-from fabcraft.solid.shell import PAD_ROOM_MM, shell
+from fabcraft.solid.orient import onto_bed
+from fabcraft.solid.shell import shell
 from fabcraft.solid.slots import strap_slots
-from fabcraft.solid.thicken import SolidSettings
-from fabcraft.template.mask import RESTING_MM, mask
+from fabcraft.solid.thicken import SolidResult, SolidSettings
+from fabcraft.template.mask import mask
 from fabcraft.template.template import Template
 
 if TYPE_CHECKING:
@@ -46,8 +45,7 @@ Tell = Callable[[str, int, int], None]
 
 DEFAULT_WALL_MM = 2.4
 CELLS_MM = {"draft": 0.6, "standard": 0.45}
-PENETRATION_MM = 0.05
-"""The promise: nothing of the object is deeper than this in the body."""
+NO_SLOTS = "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +54,8 @@ class Made:
 
     object: Mesh
     """The closed object, mm, where it is worn."""
+    on_bed: Mesh
+    """The same, as it lies on the printer's bed; places in the report are in this position."""
     report: PrintReport
     recipe: Recipe
     body: Body
@@ -138,60 +138,64 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template.wall_mm))
         slots = strap_slots(template, relief) if recipe.strap_slots else ()
         if recipe.strap_slots and not slots:
-            notes.append(
-                (
-                    True,
-                    "There is no room for strap slots beside the eyes; glue a band or a stick to the mask.",
-                )
-            )
+            notes.append((True, NO_SLOTS))
         solid = shell(design.mesh, template, relief, distance, settings, slots)
     with clock.stage("check"):
-        inspection = inspect_mesh(
-            replace(solid.mesh, name=recipe.title or template.name),
-            profile,
-            worn=_worn(template, relief, distance),
-        )
+        placed = onto_bed(replace(solid.mesh, name=recipe.title or template.name), profile)
+        inspection = inspect_mesh(placed.mesh, profile, worn=worn(solid.mesh, template, relief, distance))
         clearance = distance.signed(solid.mesh.vertices)
-    from fabcraft.fit.descend import Stop
-
-    interrupted = design.stopped is Stop.INTERRUPTED
-    findings = [
-        Finding(check="input", severity="warn" if warn else "note", advice=text) for warn, text in notes
-    ]
-    findings += [Finding(check="body", severity="note", advice=text) for text in body.notes]
-    findings += [Finding(check="solid", severity="note", advice=text + ".") for text in solid.notes]
-    if interrupted or design.stopped is Stop.NOT_FINITE:
-        findings.append(
-            Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}.")
-        )
+    clock.seconds.update({f"check.{name}": value for name, value in inspection.report.seconds.items()})
     found = inspection.report
-    report = PrintReport(
-        findings=(*found.findings, *findings),
-        route=(
-            *route,
-            f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm",
+    report = replace(
+        found,
+        findings=(
+            *found.findings,
+            *seat_findings(template, relief),
+            *_said(notes, body, solid),
+            *_stopped(design),
         ),
+        route=(*route, *_how(design), f"laid on the bed {placed.words}"),
         metrics={
             **found.metrics,
-            **_likeness(solid.mesh, design),
+            **likeness(solid.mesh, design.template, relief, design.direct),
             "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
         },
-        seconds={**clock.seconds, **{f"check.{name}": value for name, value in found.seconds.items()}},
-        peak_memory_bytes=found.peak_memory_bytes,
+        seconds=clock.seconds,
     )
-    inspection = replace(inspection, report=report)
     return Made(
-        solid.mesh,
-        report,
-        recipe,
-        body,
-        template,
-        design,
-        profile,
-        drawing,
-        inspection,
-        clearance,
-        interrupted,
+        object=solid.mesh,
+        on_bed=placed.mesh,
+        report=report,
+        recipe=recipe,
+        body=body,
+        template=template,
+        design=design,
+        profile=profile,
+        drawing=drawing,
+        inspection=replace(inspection, report=report),
+        clearance_mm=clearance,
+        interrupted=design.interrupted,
+    )
+
+
+def _said(notes: list[tuple[bool, str]], body: Body, solid: SolidResult) -> list[Finding]:
+    """What the stages before the check had to say."""
+    told = [Finding(check="input", severity="warn" if warn else "note", advice=text) for warn, text in notes]
+    told += [Finding(check="body", severity="note", advice=text) for text in body.notes]
+    return told + [Finding(check="solid", severity="note", advice=text + ".") for text in solid.notes]
+
+
+def _stopped(design: "Design") -> list[Finding]:
+    """A warning when the fit did not come to its end."""
+    if not design.cut_short:
+        return []
+    return [Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}.")]
+
+
+def _how(design: "Design") -> tuple[str]:
+    """The fit, in a line of the route."""
+    return (
+        f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm",
     )
 
 
@@ -240,43 +244,3 @@ def _fit(
             tell(f"fit: {stage}", step, steps)
 
     return fit(template, relief, settings, distance, watch)
-
-
-def _worn(template: Template, relief: Relief, distance: SurfaceDistance) -> Worn:
-    """What the object promises on its body: the contacts that it covers rest, no penetration, the eyes free."""
-    head = template.body
-    regions = [head.regions[name].vertex_indices for name in template.contacts]
-    contacts = head.mesh.vertices[np.concatenate(regions)]
-    # the drawn outline decides how much of the face is covered; near a rim the object does not rest
-    contacts = contacts[relief.room_at(contacts[:, [0, 2]]) > PAD_ROOM_MM]
-    return Worn(
-        body=distance,
-        clearance_mm=0.0,
-        penetration_limit_mm=PENETRATION_MM,
-        contacts=contacts,
-        gaps_mm=RESTING_MM,
-        donning=template.donning,
-        eyes=np.stack([head.landmarks["eye_right"], head.landmarks["eye_left"]]),
-    )
-
-
-def _likeness(solid: Mesh, design: "Design") -> dict[str, float]:
-    """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
-    relief, half = design.relief, 0.5 * design.template.wall_mm
-    plane = Plane.around(
-        np.vstack([relief.outline, design.template.outline, solid.vertices[:, [0, 2]]]), 0.25, 4.0
-    )
-    wanted = solid_mask(relief.outline, relief.openings, plane)
-
-    def overlap(mesh: Mesh, grown_mm: float) -> float:
-        pixels = plane.to_pixels(mesh.vertices[:, [0, 2]])
-        seen = silhouette_mask(pixels, mesh.faces, plane.width, plane.height) >= 0.5
-        if grown_mm > 0.0:  # a wall around a sheet adds half its thickness to the silhouette
-            seen |= distance_transform_edt(~seen) * plane.pixel_mm <= grown_mm
-        return float((seen & wanted).sum() / (seen | wanted).sum())
-
-    return {
-        "silhouette_iou": overlap(solid, 0.0),
-        "silhouette_iou_before": overlap(design.template.mesh, half),
-        "silhouette_iou_direct": overlap(design.direct, half),
-    }

@@ -18,6 +18,7 @@ import msgspec
 from fabcraft.errors import InputError
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
+from fabcraft.template.mask import WALL_MM
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,18 @@ class Recipe:
     inflate: InflateSettings = field(default_factory=InflateSettings)
 
     def __post_init__(self) -> None:
-        if self.wall_mm and not 0.2 <= self.wall_mm <= 20.0:
-            raise InputError(f"a wall of {self.wall_mm} mm was asked", "Choose between 0.2 and 20 mm.")
+        if isinstance(self.output, str):
+            object.__setattr__(self, "output", (self.output,))
+        for name, known in (("template", ("mask",)), ("preset", ("draft", "standard"))):
+            if getattr(self, name) not in known:
+                raise InputError(
+                    f"{name} '{getattr(self, name)}' was asked", f"Choose one of: {', '.join(known)}."
+                )
+        if self.wall_mm and not WALL_MM[0] <= self.wall_mm <= WALL_MM[1]:
+            raise InputError(
+                f"a wall of {self.wall_mm} mm was asked",
+                f"Choose between {WALL_MM[0]:g} and {WALL_MM[1]:g} mm.",
+            )
         for table in (self.placement, self.inflate):
             for entry in fields(table):
                 if not math.isfinite(value := getattr(table, entry.name)):
@@ -144,7 +155,8 @@ def recipe_toml(recipe: Recipe) -> str:
             return "true" if value else "false"
         if isinstance(value, tuple):
             return "[" + ", ".join(text(one) for one in value) + "]"
-        return msgspec.json.encode(value).decode()  # a JSON string or number is a TOML one
+        # a JSON string or number is a TOML one, but for the control character that JSON leaves bare
+        return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f")
 
     lines, tables = [], []
     for entry in fields(recipe):

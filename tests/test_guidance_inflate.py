@@ -140,7 +140,9 @@ def test_the_same_drawing_gives_the_same_relief(placed, relief):
     assert again.detail.tobytes() == relief.detail.tobytes()
 
 
-@pytest.mark.parametrize("wrong", [{"swell": -0.1}, {"stroke_height_mm": 50.0}, {"stroke_width_mm": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong", [{"swell": -0.1}, {"stroke_height_mm": 50.0}, {"stroke_width_mm": float("nan")}]
+)
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         InflateSettings(**wrong)

@@ -1,14 +1,24 @@
 """The whole run: what the object promises, and what is said about it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from drawn import arc, eyes, head, page
 
 import fabcraft
+from fabcraft.body.human import human
 from fabcraft.errors import InputError
 from fabcraft.guidance.edges import understand
+from fabcraft.guidance.inflate import inflate
+from fabcraft.guidance.placement import PlacementSettings, place
+from fabcraft.judge import seat_findings
 from fabcraft.pipeline import find_body, make
+from fabcraft.read.image_file import read_image
 from fabcraft.recipe import Recipe
+from fabcraft.template.mask import mask
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def test_the_run_ends_printable(cat) -> None:
@@ -98,3 +108,18 @@ def test_of_two_drawings_the_larger_is_used_and_the_report_says_so() -> None:
     drawing = understand(page([head(), *eyes(), (arc((100.0, 100.0), 95.0), None)]))
     assert np.ptp(drawing.outline[:, 0]) > 600
     assert any("drawing" in text for text in drawing.warnings)
+
+
+def test_a_mask_pushed_up_over_the_forehead_is_not_called_wearable() -> None:
+    template = mask(human("woman"))
+    relief = inflate(
+        place(understand(read_image(EXAMPLES / "owl.png")), template, PlacementSettings(up_mm=80.0)), template
+    )
+    said = {finding.check: finding.severity for finding in seat_findings(template, relief)}
+    assert said == {"rests": "fail", "eyes": "fail"}
+
+
+def test_a_mask_where_it_belongs_has_no_seat_findings() -> None:
+    template = mask(human("woman"))
+    relief = inflate(place(understand(read_image(EXAMPLES / "owl.png")), template), template)
+    assert seat_findings(template, relief) == []

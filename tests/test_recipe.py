@@ -60,7 +60,7 @@ def test_one_output_may_stand_without_a_list() -> None:
         ("sketch = 3", ["sketch", "str", "int"]),
         ('preset = "drfat"', ["preset", "drfat", "'draft'", "'standard'"]),
         ('template = "helmet"', ["template", "'mask'"]),
-        ("wall_mm = 90.0", ["90", "between 0.2 and 20"]),
+        ("wall_mm = 90.0", ["90", "between 1.6 and 5"]),
         ("[placement]\nup_mm = nan", ["up_mm", "nan"]),
         ("[inflate]\nswell = inf", ["swell", "inf"]),
         ("[placement]\nscale = 9.0", ["9.0", "between 0.5 and 2"]),

@@ -25,7 +25,8 @@ def box(*size):
 )
 def test_the_object_lies_in_the_build_volume(size, words):
     profile = load_profile("prusa-mk4")
-    laid, said = onto_bed(box(*size), profile)
+    placed = onto_bed(box(*size), profile)
+    laid, said = placed.mesh, placed.words
     assert words in said
     lower, upper = laid.bounds
     assert (lower >= -1e-9).all() and (upper <= np.array(profile.build_mm) + 1e-9).all()
@@ -38,12 +39,14 @@ def test_the_front_looks_up_when_it_lies_on_its_back():
     profile = load_profile("prusa-mk4")
     tall = box(100.0, 30.0, 221.0 - 13.0 + 12.5)
     front = tall.vertices[:, 1] == tall.vertices[:, 1].min()
-    laid, said = onto_bed(tall, profile)
+    placed = onto_bed(tall, profile)
+    laid, said = placed.mesh, placed.words
     assert "back" in said
     assert laid.vertices[front][:, 2].min() > laid.vertices[~front][:, 2].max()
 
 
 def test_an_object_that_fits_nowhere_stays_as_worn_and_says_so():
-    laid, said = onto_bed(box(400.0, 400.0, 400.0), load_profile("prusa-mk4"))
+    placed = onto_bed(box(400.0, 400.0, 400.0), load_profile("prusa-mk4"))
+    laid, said = placed.mesh, placed.words
     assert "larger than the build volume" in said
     np.testing.assert_allclose(laid.size_mm, 400.0)

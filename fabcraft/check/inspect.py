@@ -34,6 +34,8 @@ class Worn:
     """The body an object is checked against, and what it promises there."""
 
     body: "SurfaceDistance"
+    object: Mesh | None = None
+    """The object where it is worn, when the mesh that is checked lies elsewhere (on a bed)."""
     clearance_mm: float = 0.0
     """Wanted distance from the skin everywhere."""
     penetration_limit_mm: float = 0.1
@@ -121,7 +123,7 @@ def inspect_mesh(
                 )
             )
         if worn is not None:
-            _wear(mesh, worn, ledger)
+            _wear(worn.object or mesh, worn, ledger)
         if slicer:
             ledger.run("slicer", lambda: _slicer(mesh, profile, ledger))
     report = PrintReport(

@@ -2,11 +2,15 @@
 
 It knows no term by name. Variables: X (F, D, 2), added to the rest mesh's own restriction W (so X = 0 is the rest mesh
 exactly), and t (D,), since a Poisson solve says nothing about where the object sits. A step whose energy or gradient is
-not finite is skipped and halves the learning rate; five in a row stop the run. Ctrl-C stops it and keeps the best so far.
+not finite is skipped and halves the learning rate; five in a row stop the run. Ctrl-C stops it and keeps the best so far,
+where energies of different steps are compared without their paces, so that a term that is eased in does not count as worse.
+
+What is too large for one graph comes as *chunks*: each chunk's gradient is taken to the positions alone and added up there,
+and then goes once through the Poisson solve, so that memory does not grow with the number of chunks.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -42,6 +46,20 @@ class Descent:
     """Learning rate at the end over that at the start."""
     still: float = 2e-5
     """Stop when no vertex moved farther than this in 20 steps, optimiser's unit (2e-5 is 2 µm on a 200 mm mask)."""
+    clip: float | None = 1.0
+    """Longest gradient of the Jacobians, as one vector; None leaves it as it is."""
+    betas: tuple[float, float] = (0.9, 0.999)
+    """Adam's memory of the gradient and of its square, a step. Early gradients are the largest: where the square is
+    remembered long, late features grow slowly."""
+    before: int = 0
+    """Steps that came before in a run of several stages; `State.step` counts on from here."""
+    whole: int | None = None
+    """Steps of all stages together, over which the cosine runs; None for a run of one stage."""
+
+    def share_at(self, step: int) -> float:
+        """Learning rate over that at the start, at `step` of this stage."""
+        cosine = 0.5 * (1.0 + math.cos(math.pi * (self.before + step) / max(self.whole or self.steps, 1)))
+        return self.final_share + (1.0 - self.final_share) * cosine
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,75 +106,145 @@ def rest_restriction(system: PoissonSystem, dimension: int) -> Float[Tensor, "F 
     return torch.from_numpy(np.ascontiguousarray(system.frames[:, :dimension, :])).float()
 
 
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """What a run may do beyond summing terms; the default is nothing."""
+
+    chunks: Callable[[State], Iterator[Mapping[str, Tensor]]] | None = None
+    """Weighted values by name, chunk by chunk, of a state whose positions are a leaf: their gradients are added up there.
+    A name may come in several chunks; its values are summed."""
+    pace: Callable[[str, int], float] | None = None
+    """Factor of a term, by its name, at a step."""
+    admit: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None
+    """What of offset and translation counts, e.g. their symmetric part; differentiable."""
+
+
 def descend(
     system: PoissonSystem,
     terms: Sequence[Term],
     descent: Descent,
     start: Variables,
     watch: Callable[[int, dict[str, float], Tensor], None] | None = None,
+    ways: Ways | None = None,
 ) -> Descended:
     """Lower Σ weight·term for `descent.steps` steps; `watch(step, values, positions)` is called at every step."""
-    base = rest_restriction(system, len(start.translation))
-    offset = start.offset.clone().requires_grad_(True)
-    translation = start.translation.clone().requires_grad_(True)
-    optimiser = torch.optim.Adam(
-        [
-            {"params": [offset], "lr": descent.learning_rate},
-            {"params": [translation], "lr": descent.translation_rate},
-        ]
-    )
-    _restore(optimiser, offset, translation, start)
-    history: dict[str, list[float]] = {name: [] for name in [*(term.name for term in terms), "total"]}
-    best, best_positions = math.inf, None
+    run = _Run(system, terms, descent, start, ways or Ways())
     failures, slowed, marked, stopped = 0, 1.0, None, Stop.STEPS
     try:
         for step in range(descent.steps):
-            share = 0.5 * (1.0 + math.cos(math.pi * step / max(descent.steps, 1)))
-            factor = slowed * (descent.final_share + (1.0 - descent.final_share) * share)
-            optimiser.param_groups[0]["lr"] = descent.learning_rate * factor
-            optimiser.param_groups[1]["lr"] = descent.translation_rate * factor
-            optimiser.zero_grad(set_to_none=True)
-            restricted = base + offset
-            positions = system.vertices_of_restricted(restricted) + translation
-            state = State(system, positions, restricted, step)
-            values = {term.name: term.weight * term.function(state) for term in terms}
-            total = torch.stack(list(values.values())).sum()
-            total.backward()
-            if not (torch.isfinite(total) and _finite(offset.grad)):
+            run.pace_rates(slowed * descent.share_at(step))
+            positions, values, judged = run.energy(descent.before + step)
+            if not run.finite(values):
                 failures, slowed = failures + 1, slowed * 0.5
                 if failures == 5:
                     stopped = Stop.NOT_FINITE
                     break
                 continue
             failures = 0
-            torch.nn.utils.clip_grad_norm_([offset], 1.0)
-            numbers = {name: float(value.detach()) for name, value in values.items()}
-            for name, value in numbers.items():
-                history[name].append(value)
-            history["total"].append(float(total.detach()))
-            now = positions.detach()
-            if history["total"][-1] < best:
-                best, best_positions = history["total"][-1], now
+            run.note(positions, values, judged)
             if watch is not None:
-                watch(step, numbers, now)
-            optimiser.step()
+                watch(descent.before + step, values, positions)
+            run.optimiser.step()
             if step % 20 == 19:
-                if marked is not None and float((now - marked).abs().max()) < descent.still:
+                if marked is not None and float((positions - marked).abs().max()) < descent.still:
                     stopped = Stop.STILL
                     break
-                marked = now
+                marked = positions
     except KeyboardInterrupt:
         stopped = Stop.INTERRUPTED
-    with torch.no_grad():
-        positions = system.vertices_of_restricted(base + offset) + translation
-    if stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE) and best_positions is not None:
-        positions = best_positions
-    return Descended(
-        positions.detach().double().numpy(),
-        _variables(optimiser, offset, translation, start),
-        history,
-        stopped,
-    )
+    return run.outcome(stopped)
+
+
+class _Run:
+    """The unknowns of a run, their optimiser and what is remembered along the way."""
+
+    def __init__(
+        self, system: PoissonSystem, terms: Sequence[Term], descent: Descent, start: Variables, ways: Ways
+    ) -> None:
+        self.system, self.terms, self.descent, self.start, self.ways = system, terms, descent, start, ways
+        self.base = rest_restriction(system, len(start.translation))
+        self.offset = start.offset.clone().requires_grad_(True)
+        self.translation = start.translation.clone().requires_grad_(True)
+        self.optimiser = torch.optim.Adam(
+            [
+                {"params": [self.offset], "lr": descent.learning_rate},
+                {"params": [self.translation], "lr": descent.translation_rate},
+            ],
+            betas=descent.betas,
+        )
+        _restore(self.optimiser, self.offset, self.translation, start)
+        self.history: dict[str, list[float]] = {
+            name: [] for name in [*(term.name for term in terms), "total"]
+        }
+        self.best = math.inf
+        self.best_positions: Tensor | None = None
+
+    def pace_rates(self, factor: float) -> None:
+        """Set the learning rates of the step to come."""
+        self.optimiser.param_groups[0]["lr"] = self.descent.learning_rate * factor
+        self.optimiser.param_groups[1]["lr"] = self.descent.translation_rate * factor
+        self.optimiser.zero_grad(set_to_none=True)
+
+    def placed(self) -> tuple[Tensor, Tensor]:
+        """J W of every face and the vertices, as the unknowns have it."""
+        offset, translation = self.offset, self.translation
+        if self.ways.admit is not None:
+            offset, translation = self.ways.admit(offset, translation)
+        restricted = self.base + offset
+        return restricted, self.system.vertices_of_restricted(restricted) + translation
+
+    def energy(self, step: int) -> tuple[Tensor, dict[str, float], float]:
+        """Gradients at the unknowns; returns the vertices, every term's value, and the energy without paces."""
+        pace = self.ways.pace or (lambda name, step: 1.0)
+        restricted, positions = self.placed()
+        state = State(self.system, positions, restricted, step)
+        values = {term.name: term.weight * term.function(state) for term in self.terms}
+        roots = [pace(name, step) * value for name, value in values.items()]
+        judged = sum(float(value.detach()) for value in values.values())
+        numbers = {name: float(root.detach()) for name, root in zip(values, roots, strict=True)}
+        leaf = positions.detach()
+        if self.ways.chunks is not None:
+            leaf.requires_grad_(True)
+            for chunk in self.ways.chunks(State(self.system, leaf, restricted.detach(), step)):
+                parts = [pace(name, step) * value for name, value in chunk.items()]
+                judged += sum(float(value.detach()) for value in chunk.values())
+                for name, part in zip(chunk, parts, strict=True):
+                    numbers[name] = numbers.get(name, 0.0) + float(part.detach())
+                summed = torch.stack(parts).sum() if parts else leaf.new_zeros(())
+                if summed.requires_grad:
+                    summed.backward()
+        total = torch.stack(roots).sum() if roots else positions.new_zeros(())
+        if leaf.grad is not None:
+            total = total + (positions * leaf.grad).sum()
+        if total.requires_grad:
+            total.backward()
+        return leaf.detach(), numbers, judged
+
+    def finite(self, values: Mapping[str, float]) -> bool:
+        """Whether the energy and both gradients are numbers."""
+        gradients = (self.offset.grad, self.translation.grad)
+        return all(math.isfinite(value) for value in values.values()) and all(map(_finite, gradients))
+
+    def note(self, positions: Tensor, values: Mapping[str, float], judged: float) -> None:
+        """Clip the gradient, write down the step and remember it if it is the best."""
+        if self.descent.clip is not None and self.offset.grad is not None:
+            torch.nn.utils.clip_grad_norm_([self.offset], self.descent.clip)
+        done = len(self.history["total"])
+        for name in {**self.history, **values}:
+            if name != "total":
+                self.history.setdefault(name, [0.0] * done).append(values.get(name, 0.0))
+        self.history["total"].append(sum(values.values()))
+        if judged < self.best:
+            self.best, self.best_positions = judged, positions
+
+    def outcome(self, stopped: Stop) -> Descended:
+        """What the run leaves behind."""
+        with torch.no_grad():
+            positions = self.placed()[1]
+        if stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE) and self.best_positions is not None:
+            positions = self.best_positions
+        variables = _variables(self.optimiser, self.offset, self.translation, self.start)
+        return Descended(positions.detach().double().numpy(), variables, self.history, stopped)
 
 
 def _finite(gradient: Tensor | None) -> bool:

@@ -24,6 +24,8 @@ from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
+CUT_SHORT = (Stop.INTERRUPTED, Stop.NOT_FINITE)
+
 Watch = Callable[[str, int, int, Mesh], None]
 """Called with the stage's name, the step, the number of steps, and the sheet so far."""
 
@@ -79,6 +81,16 @@ class Design:
     remeshed: int
     settings: FitSettings
 
+    @property
+    def interrupted(self) -> bool:
+        """Stopped by Ctrl-C; the mesh is the best so far."""
+        return self.stopped is Stop.INTERRUPTED
+
+    @property
+    def cut_short(self) -> bool:
+        """Stopped before its end, by Ctrl-C or because the energy was no number."""
+        return self.stopped in CUT_SHORT
+
 
 @same_every_time()
 def fit(
@@ -129,21 +141,26 @@ def fit(
         if watch is not None:
             watch("relief", step, settings.lifted_steps, now)
 
-    targets = LiftTargets(relief, distance, template)
-    interrupted = flat.stopped is Stop.INTERRUPTED
-    shaped, outcome = fit_lifted(
-        sheet,
-        flat.sheet.loops,
-        targets,
-        1 if interrupted else settings.lifted_steps,
-        settings.pixels,
-        settings.lifted,
-        lifted_watch,
-    )
+    shaped, stopped, lifted = sheet, flat.stopped, {}
+    if stopped not in CUT_SHORT:
+        targets = LiftTargets(relief, distance, template)
+        try:
+            shaped, outcome = fit_lifted(
+                sheet,
+                flat.sheet.loops,
+                targets,
+                settings.lifted_steps,
+                settings.pixels,
+                settings.lifted,
+                lifted_watch,
+            )
+            stopped, lifted = outcome.stopped, outcome.history
+        except KeyboardInterrupt:  # while the stage is set up: the fitted outline is the best so far
+            stopped = Stop.INTERRUPTED
     settled, pushed_mm = push_out(shaped, distance, sheet_clearance(template, shaped.vertices))
     stages.append(("settled", settled))
     history = {f"flat.{name}": values for name, values in flat.history.items()}
-    history |= {f"lifted.{name}": values for name, values in outcome.history.items()}
+    history |= {f"lifted.{name}": values for name, values in lifted.items()}
     return Design(
         settled,
         direct(rims, relief, template.edge_mm),
@@ -151,7 +168,7 @@ def fit(
         relief,
         history,
         tuple(stages),
-        flat.stopped if interrupted else outcome.stopped,
+        stopped,
         pushed_mm,
         flat.remeshed,
         settings,

@@ -83,12 +83,9 @@ def render(
         if isinstance(cameras, Cameras)
         else stack([cameras] if isinstance(cameras, Camera) else cameras)
     )
-    points = vertices.to("cpu", torch.float64)
-    lit = "normal" in outputs or "shaded" in outputs
-    normals = _VertexNormals.apply(points, topology) if lit else points.new_zeros(0, 3)
     direction = np.array(light) / np.linalg.norm(light)
     scene = _Scene(topology, views, direction @ views.views[:, :3, :3], float(ambient), tuple(outputs))
-    face_id, *pictures = _Render.apply(views.project(points), normals, scene)
+    face_id, *pictures = _Render.apply(vertices.to("cpu"), scene)
     made = dict(zip(OUTPUTS, pictures, strict=True))
     return Images(face_id.to(vertices.device), **{name: made[name].to(vertices) for name in outputs})
 
@@ -103,71 +100,71 @@ class _Scene:
     ambient: float
     outputs: tuple[str, ...]
 
-
-class _VertexNormals(torch.autograd.Function):
-    """Area-weighted unit vertex normals (V, 3) of the vertices (V, 3)."""
-
-    @staticmethod
-    def forward(ctx: Any, vertices: Tensor, topology: Topology) -> Tensor:
-        points = np.ascontiguousarray(vertices.detach().numpy())
-        normals, lengths = np.empty_like(points), np.empty(len(points))
-        shading.vertex_normals(points, topology.faces, normals, lengths)
-        ctx.save_for_backward(vertices)
-        ctx.saved = topology.faces, normals.copy(), lengths
-        return torch.from_numpy(normals)
-
-    @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
-        points = np.ascontiguousarray(ctx.saved_tensors[0].detach().numpy())
-        faces, normals, lengths = ctx.saved
-        by_points = np.zeros_like(points)
-        shading.vertex_normals_backward(points, faces, normals, lengths, grads[0].numpy().copy(), by_points)
-        return torch.from_numpy(by_points), None
+    @property
+    def lit(self) -> bool:
+        """Whether the vertices need normals."""
+        return "normal" in self.outputs or "shaded" in self.outputs
 
 
 class _Render(torch.autograd.Function):
-    """Face ids and the four pictures from screen (K, V, 3) and normals (V, 3); unwanted ones have no rows."""
+    """Face ids and the four pictures from vertices (V, 3); unwanted pictures have no rows."""
 
     @staticmethod
-    def forward(ctx: Any, screen: Tensor, normals: Tensor, scene: _Scene) -> tuple[Tensor, ...]:
+    def forward(ctx: Any, vertices: Tensor, scene: _Scene) -> tuple[Tensor, ...]:
         ctx.set_materialize_grads(False)
         cameras, topology = scene.cameras, scene.topology
-        corners = np.ascontiguousarray(screen.detach().numpy())
-        directions = np.ascontiguousarray(normals.detach().numpy())
+        points = np.array(vertices.detach().numpy(), dtype=np.float64, order="C")
+        corners = np.ascontiguousarray(cameras.project(torch.from_numpy(points)).numpy())
         keys = _depth_keys(corners[..., 2], cameras.orthographic)
+        normals, lengths = np.empty((len(points) if scene.lit else 0, 3)), np.empty(len(points))
+        if scene.lit:
+            shading.vertex_normals(points, topology.faces, normals, lengths)
         size, bands = (len(corners), cameras.height, cameras.width), bands_for(len(corners))
         face_id, nearest = np.empty(size, np.int32), np.empty(size, np.float64)
         zbuffer(corners, keys, topology.faces, bands, face_id, nearest)
+        surface = (corners, keys, normals, topology.faces)
         look = (scene.lights, scene.ambient, cameras.orthographic)
         pictures = _blank(size, scene.outputs)
-        shading.shade(corners, keys, directions, topology.faces, *look, bands, face_id, *pictures)
-        crossings = _crossings(corners, keys, topology.edges, face_id, nearest)
-        surface = (corners, keys, directions, topology.faces)
-        silhouette.blend(*surface, topology.edges, *look, face_id, *crossings, *pictures)
+        shading.shade(*surface, *look, bands, face_id, *pictures)
+        crossings = _blended(surface, topology.edges, look, face_id, nearest, pictures)
         ctx.saved = surface, topology.edges, look, bands, face_id, crossings
-        made = tuple(torch.from_numpy(picture) for picture in pictures)
+        ctx.scene, ctx.rest, ctx.dtype = scene, (points, lengths), vertices.dtype
         ids = torch.from_numpy(face_id)
         ctx.mark_non_differentiable(ids)
-        return ids, *made
+        return ids, *(torch.from_numpy(picture) for picture in pictures)
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor, Tensor, None]:
+    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor, None]:
         surface, edges, look, bands, face_id, crossings = ctx.saved
-        corners, directions = surface[0], surface[2]
+        points, lengths = ctx.rest
+        normals, faces, cameras = surface[2], surface[3], ctx.scene.cameras
         given = [
             blank if grad is None else grad.contiguous().numpy()
-            for blank, grad in zip(_blank((len(corners), 0, 0), ()), grads[1:], strict=True)
+            for blank, grad in zip(_blank((len(face_id), 0, 0), ()), grads[1:], strict=True)
         ]
-        tasks = len(corners) * bands
-        by_screen = np.zeros((tasks, *corners.shape[1:]))
-        by_normals = np.zeros((tasks, *directions.shape))
-        if any(grad.size for grad in given[1:]):  # the mask does not change inside
-            shading.shade_backward(*surface, *look, bands, face_id, *given, by_screen, by_normals)
-        silhouette.blend_backward(
-            *surface, edges, *look, bands, face_id, *crossings, *given, by_screen, by_normals
+        tasks = len(face_id) * bands
+        by_points, by_normals = np.empty((tasks, *points.shape)), np.empty((tasks, *normals.shape))
+        rows = cameras.views[:, :3, :3].copy()
+        rows[:, :2] *= 0.5 * cameras.height * cameras.focals[:, None, None]
+        centre = np.array([0.5 * cameras.width, 0.5 * cameras.height])
+        silhouette.backward(
+            *surface,
+            edges,
+            *look,
+            bands,
+            face_id,
+            *crossings,
+            *given,
+            rows,
+            centre,
+            NEAR,
+            by_points,
+            by_normals,
         )
-        by_view = by_screen.reshape(len(corners), bands, *corners.shape[1:]).sum(1)
-        return torch.from_numpy(by_view), torch.from_numpy(by_normals.sum(0)), None
+        total = by_points.sum(0)
+        if len(normals):
+            shading.vertex_normals_backward(points, faces, normals, lengths, by_normals, total)
+        return torch.from_numpy(total).to(ctx.dtype), None
 
 
 def _depth_keys(depth: Float64[np.ndarray, "K V"], orthographic: bool) -> Float64[np.ndarray, "K V"]:
@@ -183,14 +180,21 @@ def _blank(size: tuple[int, int, int], outputs: Sequence[str]) -> list[np.ndarra
     return [np.empty(shape + (3,) * (name == "normal"), np.float32) for name, shape in shapes.items()]
 
 
-def _crossings(
-    corners: np.ndarray, keys: np.ndarray, edges: np.ndarray, face_id: np.ndarray, nearest: np.ndarray
+def _blended(
+    surface: tuple[np.ndarray, ...],
+    edges: np.ndarray,
+    look: tuple[np.ndarray, float, bool],
+    face_id: np.ndarray,
+    nearest: np.ndarray,
+    pictures: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The silhouette crossings of every view: pixels (K, N, 3), places (K, N, 2), their number (K,)."""
+    """Antialias the pictures; the crossings of every view: pixels (K, N, 3), places (K, N, 2), their number (K,)."""
     views, height, width = face_id.shape
-    counts = np.empty(views, np.int64)
-    silhouette.count_crossings(corners, edges, height, width, counts)
-    most = int(counts.max(initial=0))
-    pixels, places = np.empty((views, most, 3), np.int32), np.empty((views, most, 2))
-    silhouette.find_crossings(corners, keys, edges, face_id, nearest, pixels, places, counts)
+    counts, room = np.full(views, -1), 4 * (height + width)
+    pixels, places = np.empty((views, room, 3), np.int32), np.empty((views, room, 2))
+    silhouette.blend(*surface, edges, *look, face_id, nearest, pixels, places, counts, *pictures)
+    if views and (missing := -int(counts.min())) > 0:  # a ragged silhouette: make room for the views left out
+        more = ((0, 0), (0, missing - room), (0, 0))
+        pixels, places = np.pad(pixels, more), np.pad(places, more)
+        silhouette.blend(*surface, edges, *look, face_id, nearest, pixels, places, counts, *pictures)
     return pixels, places, counts

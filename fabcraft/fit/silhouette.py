@@ -24,14 +24,18 @@ import numpy as np
 from jaxtyping import Int32, Integer
 
 from fabcraft.fit.shading import (
+    add3,
+    corners_of,
     face_sign,
     fragment,
     fragment_backward,
     pixel_backward,
     pixel_fragment,
     read,
+    shade_backward,
+    unproject,
 )
-from fabcraft.geometry.raster import pixel_range
+from fabcraft.geometry.raster import band_rows, pixel_range
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,23 +123,10 @@ def _slope(screen, key, a, b, c):
     return abs(kx) + abs(ky)
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
-@typing.no_type_check
-def count_crossings(screen, edges, height, width, counts):
-    """An upper bound on the crossings of every view, into counts (K,)."""
-    for view in nb.prange(len(counts)):
-        corners, total = screen[view], 0
-        for edge in range(len(edges)):
-            if _inner_side(corners, edges, edge) != 0.0:
-                _, first, end = _walk_range(corners, edges[edge, 0], edges[edge, 1], height, width)
-                total += max(end - first, 0)
-        counts[view] = total
-
-
 @nb.njit(cache=True, error_model="numpy")
 @typing.no_type_check
 def _walk_edge(screen, key, edges, edge, inner, face_id, nearest, pixels, places, keys, count):
-    """Append the visible crossings of one silhouette edge; the new count."""
+    """Append the visible crossings of one silhouette edge, as far as there is room; the new count."""
     height, width = face_id.shape
     a, b, o, p = edges[edge, 0], edges[edge, 1], edges[edge, 2], edges[edge, 3]
     axis, first, end = _walk_range(screen, a, b, height, width)
@@ -165,54 +156,78 @@ def _walk_edge(screen, key, edges, edge, inner, face_id, nearest, pixels, places
         edge_key = key[a] + s * (key[b] - key[a])
         if face_id[r, c] < 0 or not (edge_key < nearest[q, d] and nearest[r, c] <= edge_key + slack):
             continue
-        pixels[count, 0], pixels[count, 1], pixels[count, 2] = r * width + c, q * width + d, edge
-        places[count, 0], places[count, 1] = s, abs(across - inside - 0.5)
-        keys[count] = edge_key
+        if count < len(keys):
+            pixels[count, 0], pixels[count, 1], pixels[count, 2] = r * width + c, q * width + d, edge
+            places[count, 0], places[count, 1] = s, abs(across - inside - 0.5)
+            keys[count] = edge_key
         count += 1
     return count
 
 
+@nb.njit(cache=True)
+@typing.no_type_check
+def _sorted(order, digits, size):
+    """`order` (N,), stably sorted by digits[order], which are below `size`."""
+    starts = np.zeros(size + 1, np.int64)
+    for i in range(len(order)):
+        starts[digits[order[i]] + 1] += 1
+    for digit in range(size):
+        starts[digit + 1] += starts[digit]
+    placed = np.empty_like(order)
+    for i in range(len(order)):
+        digit = digits[order[i]]
+        placed[starts[digit]] = order[i]
+        starts[digit] += 1
+    return placed
+
+
 @nb.njit(cache=True, error_model="numpy")
 @typing.no_type_check
-def _keep_outermost(width, pixels, places, keys, count):
+def _keep_outermost(height, width, pixels, places, keys, count):
     """Keep, by pixel, one crossing a pixel pair: the outermost, else the nearest, else the first edge."""
-    code = np.empty(count, np.int64)
+    rows, codes, order = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     for i in range(count):
         step = pixels[i, 1] - pixels[i, 0]
-        code[i] = 4 * np.int64(pixels[i, 0]) + (
-            0 if step == width else 1 if step == -width else 2 if step > 0 else 3
-        )
-    order = np.argsort(code)
-    found, spots, kept = pixels[:count].copy(), places[:count].copy(), 0
-    best = -1
+        way = 0 if step == width else 1 if step == -width else 2 if step > 0 else 3
+        rows[i], codes[i], order[i] = pixels[i, 0] // width, 4 * (pixels[i, 0] % width) + way, i
+    order = _sorted(_sorted(order, codes, 4 * width), rows, height)
+    found, spots = np.empty((count, 3), np.int32), np.empty((count, 2))
+    kept, best = 0, -1
     for i in range(count):
         this = order[i]
-        if best < 0 or code[this] != code[best]:
+        if best < 0 or codes[this] != codes[best] or rows[this] != rows[best]:
             best, kept = this, kept + 1
-        else:
-            by_t, by_key = spots[this, 1] - spots[best, 1], keys[best] - keys[this]
-            if by_t < 0.0 or (by_t == 0.0 and (by_key < 0.0 or (by_key == 0.0 and this > best))):
-                continue
+        elif places[this, 1] > places[best, 1] or (
+            places[this, 1] == places[best, 1] and keys[this] < keys[best]
+        ):
             best = this
-        pixels[kept - 1], places[kept - 1] = found[best], spots[best]
+        for part in range(3):
+            found[kept - 1, part] = pixels[best, part]
+        for part in range(2):
+            spots[kept - 1, part] = places[best, part]
+    for i in range(kept):
+        for part in range(3):
+            pixels[i, part] = found[i, part]
+        for part in range(2):
+            places[i, part] = spots[i, part]
     return kept
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@nb.njit(cache=True, error_model="numpy")
 @typing.no_type_check
-def find_crossings(screen, keys, edges, face_id, nearest, pixels, places, counts):
-    """Fill pixels (K, N, 3) inner, outer, edge; places (K, N, 2) s along the edge, t; counts (K,)."""
-    for view in nb.prange(len(counts)):
-        corners, key, count = screen[view], keys[view], 0
-        found = np.empty(pixels.shape[1], np.float64)
-        for edge in range(len(edges)):
-            inner = _inner_side(corners, edges, edge)
-            if inner != 0.0:
-                count = _walk_edge(
-                    corners, key, edges, edge, inner, face_id[view], nearest[view],
-                    pixels[view], places[view], found, count,
-                )  # fmt: skip
-        counts[view] = _keep_outermost(face_id.shape[2], pixels[view], places[view], found, count)
+def _find_crossings(screen, key, edges, face_id, nearest, pixels, places):
+    """Fill pixels (N, 3) inner, outer, edge, and places (N, 2) s along the edge, t; their number.
+
+    More than N: nothing is of use, and there have to be that many rows.
+    """
+    keys, count = np.empty(len(pixels), np.float64), np.int64(0)
+    for edge in range(len(edges)):
+        inner = _inner_side(screen, edges, edge)
+        if inner != 0.0:
+            count = _walk_edge(screen, key, edges, edge, inner, face_id, nearest, pixels, places, keys, count)
+    if count > len(pixels):
+        return count
+    return _keep_outermost(face_id.shape[0], face_id.shape[1], pixels, places, keys, count)
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -224,39 +239,62 @@ def _rim(screen, key, normals, faces, edges, edge, seen, s, light, ambient, orth
     return fragment(screen, key, normals, a, b, a, 1.0 - s, s, 0.0, sign, light, ambient, orthographic)
 
 
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _blend_view(
+    screen, key, normals, faces, edges, light, ambient, orthographic, face_id, pixels, places, count,
+    mask, depth, normal, shaded,
+):  # fmt: skip
+    """Antialias the pictures (H, W) of one view in place."""
+    width = face_id.shape[1]
+    change = np.empty((count, 6), np.float64)
+    for i in range(count):
+        inner, outer = pixels[i, 0], pixels[i, 1]
+        seen = face_id[inner // width, inner % width]
+        z, nx, ny, nz, lit = _rim(
+            screen, key, normals, faces, edges, pixels[i, 2], seen, places[i, 0], light, ambient, orthographic
+        )
+        share = 0.5 - places[i, 1]
+        m, d, x, y, w, s = read(mask, depth, normal, shaded, outer // width, outer % width)
+        change[i, 0], change[i, 1], change[i, 2] = share * (m - 1.0), share * (d - z), share * (x - nx)
+        change[i, 3], change[i, 4], change[i, 5] = share * (y - ny), share * (w - nz), share * (s - lit)
+    for i in range(count):
+        target = pixels[i, 0] if places[i, 1] < 0.5 else pixels[i, 1]
+        r, c = target // width, target % width
+        if len(mask) > 0:
+            mask[r, c] += change[i, 0]
+        if len(depth) > 0:
+            depth[r, c] += change[i, 1]
+        if len(normal) > 0:
+            add3(normal[r], c, change[i, 2], change[i, 3], change[i, 4])
+        if len(shaded) > 0:
+            shaded[r, c] += change[i, 5]
+
+
 @nb.njit(cache=True, parallel=True, error_model="numpy")
 @typing.no_type_check
 def blend(
-    screen, keys, normals, faces, edges, lights, ambient, orthographic, face_id, pixels, places, counts,
-    mask, depth, normal, shaded,
+    screen, keys, normals, faces, edges, lights, ambient, orthographic, face_id, nearest,
+    pixels, places, counts, mask, depth, normal, shaded,
 ):  # fmt: skip
-    """Antialias the pictures (K, H, W) in place."""
-    width = face_id.shape[2]
+    """Find the crossings of the views whose count (K,) is negative, and antialias their pictures (K, H, W).
+
+    pixels (K, N, 3), places (K, N, 2): see `_find_crossings`. A view with more than N is left as it was, and its
+    count becomes minus what it needs.
+    """
     for view in nb.prange(len(counts)):
-        change = np.empty((counts[view], 6), np.float64)
-        for i in range(counts[view]):
-            inner, outer = pixels[view, i, 0], pixels[view, i, 1]
-            z, nx, ny, nz, lit = _rim(
-                screen[view], keys[view], normals, faces, edges, pixels[view, i, 2],
-                face_id[view, inner // width, inner % width], places[view, i, 0], lights[view],
-                ambient, orthographic,
+        if counts[view] < 0:
+            counts[view] = _find_crossings(
+                screen[view], keys[view], edges, face_id[view], nearest[view], pixels[view], places[view]
+            )
+            if counts[view] > pixels.shape[1]:
+                counts[view] = -counts[view]
+                continue
+            _blend_view(
+                screen[view], keys[view], normals, faces, edges, lights[view], ambient, orthographic,
+                face_id[view], pixels[view], places[view], counts[view],
+                mask[view], depth[view], normal[view], shaded[view],
             )  # fmt: skip
-            share = 0.5 - places[view, i, 1]
-            beyond = read(mask, depth, normal, shaded, view, outer // width, outer % width)
-            for part, rim in enumerate((1.0, z, nx, ny, nz, lit)):
-                change[i, part] = share * (beyond[part] - rim)
-        for i in range(counts[view]):
-            target = pixels[view, i, 0] if places[view, i, 1] < 0.5 else pixels[view, i, 1]
-            r, c = target // width, target % width
-            if mask.shape[1] > 0:
-                mask[view, r, c] += change[i, 0]
-            if depth.shape[1] > 0:
-                depth[view, r, c] += change[i, 1]
-            if normal.shape[1] > 0:
-                for axis in range(3):
-                    normal[view, r, c, axis] += change[i, 2 + axis]
-            if shaded.shape[1] > 0:
-                shaded[view, r, c] += change[i, 5]
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -271,47 +309,68 @@ def _move_crossing(screen, a, b, axis, s, g_across, g_s, grad_screen):
     grad_screen[b, 1 - axis] -= by_s * s
 
 
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _blend_backward(
+    screen, key, normals, faces, edges, light, ambient, orthographic, face_id, pixels, places, count,
+    g_mask, g_depth, g_normal, g_shaded, to_screen, to_normals,
+):  # fmt: skip
+    """Add the derivatives of `_blend_view` to to_screen and to_normals (V, 3)."""
+    width = face_id.shape[1]
+    for i in range(count):
+        inner, outer, edge = pixels[i, 0], pixels[i, 1], pixels[i, 2]
+        s, share = places[i, 0], 0.5 - places[i, 1]
+        target = inner if share > 0.0 else outer
+        gm, gd, gx, gy, gz, gs = read(g_mask, g_depth, g_normal, g_shaded, target // width, target % width)
+        seen = face_id[inner // width, inner % width]
+        behind = face_id[outer // width, outer % width]
+        z, nx, ny, nz, lit = _rim(
+            screen, key, normals, faces, edges, edge, seen, s, light, ambient, orthographic
+        )
+        jump = -gm - gd * z - gx * nx - gy * ny - gz * nz - gs * lit
+        if behind >= 0:
+            a, b, c = corners_of(faces, behind)
+            px, py = outer % width + 0.5, outer // width + 0.5
+            z, nx, ny, nz, lit = pixel_fragment(
+                screen, key, normals, a, b, c, px, py, light, ambient, orthographic
+            )
+            jump += gm + gd * z + gx * nx + gy * ny + gz * nz + gs * lit
+            pixel_backward(
+                screen, key, normals, a, b, c, px, py, light, ambient, orthographic,
+                share * gd, share * gx, share * gy, share * gz, share * gs, to_screen, to_normals,
+            )  # fmt: skip
+        a, b = np.uintp(edges[edge, 0]), np.uintp(edges[edge, 1])
+        sign = face_sign(screen, faces[seen, 0], faces[seen, 1], faces[seen, 2])
+        g0, g1, _ = fragment_backward(
+            screen, key, normals, a, b, a, 1.0 - s, s, 0.0, sign, light, ambient, orthographic,
+            -share * gd, -share * gx, -share * gy, -share * gz, -share * gs, to_screen, to_normals,
+        )  # fmt: skip
+        axis = 1 if abs(outer - inner) == width else 0
+        # t grows with the position across the edge when the outer pixel has the larger index
+        _move_crossing(screen, a, b, axis, s, -jump if outer > inner else jump, g1 - g0, to_screen)
+
+
 @nb.njit(cache=True, parallel=True, error_model="numpy")
 @typing.no_type_check
-def blend_backward(
+def backward(
     screen, keys, normals, faces, edges, lights, ambient, orthographic, bands, face_id,
-    pixels, places, counts, g_mask, g_depth, g_normal, g_shaded, grad_screen, grad_normals,
+    pixels, places, counts, g_mask, g_depth, g_normal, g_shaded, rows, centre, near, by_points, by_normals,
 ):  # fmt: skip
-    """Add the derivatives of `blend` to slice view * bands of grad_screen and grad_normals (tasks, V, 3)."""
-    width = face_id.shape[2]
-    for view in nb.prange(len(counts)):
-        corners, key, light = screen[view], keys[view], lights[view]
-        to_screen, to_normals = grad_screen[view * bands], grad_normals[view * bands]
-        for i in range(counts[view]):
-            inner, outer, edge = pixels[view, i, 0], pixels[view, i, 1], pixels[view, i, 2]
-            s, share = places[view, i, 0], 0.5 - places[view, i, 1]
-            target = inner if share > 0.0 else outer
-            gm, gd, gx, gy, gz, gs = read(
-                g_mask, g_depth, g_normal, g_shaded, view, target // width, target % width
-            )
-            seen = face_id[view, inner // width, inner % width]
-            behind = face_id[view, outer // width, outer % width]
-            z, nx, ny, nz, lit = _rim(
-                corners, key, normals, faces, edges, edge, seen, s, light, ambient, orthographic
-            )
-            jump = -gm - gd * z - gx * nx - gy * ny - gz * nz - gs * lit
-            if behind >= 0:
-                a, b, c = faces[behind, 0], faces[behind, 1], faces[behind, 2]
-                px, py = outer % width + 0.5, outer // width + 0.5
-                z, nx, ny, nz, lit = pixel_fragment(
-                    corners, key, normals, a, b, c, px, py, light, ambient, orthographic
-                )
-                jump += gm + gd * z + gx * nx + gy * ny + gz * nz + gs * lit
-                pixel_backward(
-                    corners, key, normals, a, b, c, px, py, light, ambient, orthographic,
-                    share * gd, share * gx, share * gy, share * gz, share * gs, to_screen, to_normals,
-                )  # fmt: skip
-            a, b = edges[edge, 0], edges[edge, 1]
-            sign = face_sign(corners, faces[seen, 0], faces[seen, 1], faces[seen, 2])
-            g0, g1, _ = fragment_backward(
-                corners, key, normals, a, b, a, 1.0 - s, s, 0.0, sign, light, ambient, orthographic,
-                -share * gd, -share * gx, -share * gy, -share * gz, -share * gs, to_screen, to_normals,
+    """Derivatives of the antialiased pictures by the world points and the normals: (tasks, V, 3), to be summed."""
+    for task in nb.prange(len(by_points)):
+        view, start, end = band_rows(task, bands, face_id.shape[1])
+        by_points[task].fill(0.0)
+        by_normals[task].fill(0.0)
+        if g_depth.shape[1] + g_normal.shape[1] + g_shaded.shape[1] > 0:  # the mask does not change inside
+            shade_backward(
+                screen[view], keys[view], normals, faces, lights[view], ambient, orthographic, start, end,
+                face_id[view], g_mask[view], g_depth[view], g_normal[view], g_shaded[view],
+                by_points[task], by_normals[task],
             )  # fmt: skip
-            axis = 1 if abs(outer - inner) == width else 0
-            # t grows with the position across the edge when the outer pixel has the larger index
-            _move_crossing(corners, a, b, axis, s, -jump if outer > inner else jump, g1 - g0, to_screen)
+        if task % bands == 0:
+            _blend_backward(
+                screen[view], keys[view], normals, faces, edges, lights[view], ambient, orthographic,
+                face_id[view], pixels[view], places[view], counts[view],
+                g_mask[view], g_depth[view], g_normal[view], g_shaded[view], by_points[task], by_normals[task],
+            )  # fmt: skip
+        unproject(screen[view], rows[view], centre, near, orthographic, by_points[task])

@@ -19,6 +19,8 @@ from jaxtyping import Float, Float32, Float64, Int32, Integer
 
 BANDS = 8
 """Bands of rows for one picture; fixed, so that sums by band come out the same on every machine."""
+TILE = 8
+"""Side of the squares, px, of which the farthest depth is kept."""
 
 
 class Raster(NamedTuple):
@@ -108,23 +110,23 @@ def _edge(xa, ya, xb, yb):
 
     The reference point is the same for a -> b and b -> a, so that e changes nothing but its sign.
     """
-    inclusive = yb < ya or (yb == ya and xb > xa)
-    if ya < yb or (ya == yb and xa < xb):
-        return xb - xa, yb - ya, xa, ya, inclusive
-    return xb - xa, yb - ya, xb, yb, inclusive
+    level = ya == yb
+    inclusive = (yb < ya) | (level & (xb > xa))
+    from_a = (ya < yb) | (level & (xa < xb))
+    return xb - xa, yb - ya, xa if from_a else xb, ya if from_a else yb, inclusive
 
 
 @nb.njit(cache=True, error_model="numpy")
 @typing.no_type_check
-def _draw_face(x0, y0, x1, y1, x2, y2, k0, k1, k2, face, start, end, face_id, depth):
-    """Draw one triangle into rows [start, end) of one picture."""
+def _draw_face(x0, y0, x1, y1, x2, y2, k0, k1, k2, face, start, end, width, face_id, depth):
+    """Draw one triangle into rows [start, end) of one picture, (H * W,)."""
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if not (abs(area) > 1e-14 and abs(area) < np.inf and abs(k0 + k1 + k2) < np.inf):
         return
     if area < 0.0:
         x1, y1, k1, x2, y2, k2, area = x2, y2, k2, x1, y1, k1, -area
     row, row_end = pixel_range(min(y0, y1, y2), max(y0, y1, y2), start, end)
-    col, col_end = pixel_range(min(x0, x1, x2), max(x0, x1, x2), 0, face_id.shape[1])
+    col, col_end = pixel_range(min(x0, x1, x2), max(x0, x1, x2), 0, width)
     if row >= row_end or col >= col_end:
         return
     # Edge i lies opposite corner i, so that b_i = e_i / area.
@@ -138,41 +140,98 @@ def _draw_face(x0, y0, x1, y1, x2, y2, k0, k1, k2, face, start, end, face_id, de
         for c in range(col, col_end):
             px = c + 0.5
             e0, e1, e2 = f0 - v0 * (px - xr0), f1 - v1 * (px - xr1), f2 - v2 * (px - xr2)
-            if e0 < 0.0 or e1 < 0.0 or e2 < 0.0:
+            if min(e0, e1, e2) < 0.0:
                 continue
             if (e0 > 0.0 or on0) and (e1 > 0.0 or on1) and (e2 > 0.0 or on2):
-                k = (e0 * k0 + e1 * k1 + e2 * k2) * scale
-                if k < depth[r, c]:
-                    depth[r, c] = k
-                    face_id[r, c] = face
+                k, at = (e0 * k0 + e1 * k1 + e2 * k2) * scale, np.uintp(r * width + c)
+                if k < depth[at] or (k == depth[at] and face < face_id[at]):
+                    depth[at] = k
+                    face_id[at] = face
+
+
+@nb.njit(cache=True, inline="always")
+@typing.no_type_check
+def _corners(points, keys, faces, face):
+    """Columns, rows and depth keys of the three corners."""
+    # unsigned: an index that may be negative costs a comparison at every use
+    a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
+    return (
+        points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1],
+        keys[a], keys[b], keys[c],
+    )  # fmt: skip
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _farthest(depth, start, end, width, tiles):
+    """The largest depth in every tile of rows [start, end); +inf where a pixel shows nothing."""
+    tiles[:] = -np.inf
+    for r in range(start, end):
+        for c in range(width):
+            tile = np.uintp((r - start) // TILE), np.uintp(c // TILE)
+            tiles[tile] = max(tiles[tile], depth[np.uintp(r * width + c)])
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _hidden(x0, y0, x1, y1, x2, y2, nearest, start, end, width, tiles):
+    """Whether a face of which nothing is nearer than `nearest` lies behind all there is; no for a large one."""
+    row, row_end = pixel_range(min(y0, y1, y2), max(y0, y1, y2), start, end)
+    col, col_end = pixel_range(min(x0, x1, x2), max(x0, x1, x2), 0, width)
+    if row >= row_end or col >= col_end:
+        return True
+    top, bottom = (row - start) // TILE, (row_end - 1 - start) // TILE
+    left, right = col // TILE, (col_end - 1) // TILE
+    if bottom - top > 1 or right - left > 1:
+        return False
+    return nearest > max(tiles[top, left], tiles[top, right], tiles[bottom, left], tiles[bottom, right])
+
+
+@nb.njit(cache=True, error_model="numpy")
+@typing.no_type_check
+def _draw_rows(xy, key, faces, start, end, face_id, depth):
+    """Draw all faces into rows [start, end) of one picture.
+
+    Faces seen from behind come last: those of a closed surface lie behind what is drawn by then, which a glance
+    at the few tiles around them tells.
+    """
+    width = face_id.shape[1]
+    ids, nearest = face_id.reshape(-1), depth.reshape(-1)
+    ids[start * width : end * width] = -1
+    nearest[start * width : end * width] = np.inf
+    later, count = np.empty(len(faces), np.int32), 0
+    for face in range(len(faces)):
+        x0, y0, x1, y1, x2, y2, k0, k1, k2 = _corners(xy, key, faces, face)
+        if max(y0, y1, y2) < start or min(y0, y1, y2) > end:
+            continue
+        if (x1 - x0) * (y2 - y0) > (x2 - x0) * (y1 - y0):
+            later[count] = face
+            count += 1
+        else:
+            _draw_face(x0, y0, x1, y1, x2, y2, k0, k1, k2, face, start, end, width, ids, nearest)
+    tiles = np.empty(((end - start) // TILE + 1, width // TILE + 1))
+    _farthest(nearest, start, end, width, tiles)
+    for place in range(count):
+        face = np.int64(later[place])  # one kind of number, one compilation
+        x0, y0, x1, y1, x2, y2, k0, k1, k2 = _corners(xy, key, faces, face)
+        if not _hidden(x0, y0, x1, y1, x2, y2, min(k0, k1, k2), start, end, width, tiles):
+            _draw_face(x0, y0, x1, y1, x2, y2, k0, k1, k2, face, start, end, width, ids, nearest)
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy")
 @typing.no_type_check
 def zbuffer(points, keys, faces, bands, face_id, depth):
     """Fill face_id (K, H, W) and depth (K, H, W) from points (K, V, 3) and their depth keys (K, V)."""
-    views, height = face_id.shape[0], face_id.shape[1]
-    for task in nb.prange(views * bands):
-        view, start, end = band_rows(task, bands, height)
-        face_id[view, start:end] = -1
-        depth[view, start:end] = np.inf
-        xy, key = points[view], keys[view]
-        for face in range(len(faces)):
-            a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-            ya, yb, yc = xy[a, 1], xy[b, 1], xy[c, 1]
-            if max(ya, yb, yc) < start or min(ya, yb, yc) > end:
-                continue
-            _draw_face(
-                xy[a, 0], ya, xy[b, 0], yb, xy[c, 0], yc, key[a], key[b], key[c],
-                face, start, end, face_id[view], depth[view],
-            )  # fmt: skip
+    for task in nb.prange(face_id.shape[0] * bands):
+        view, start, end = band_rows(task, bands, face_id.shape[1])
+        _draw_rows(points[view], keys[view], faces, start, end, face_id[view], depth[view])
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@nb.njit(cache=True, error_model="numpy")
 @typing.no_type_check
 def _barycentric(points, faces, face_id, barycentric):
     """Weights of the corners of the face that is seen, at every pixel centre."""
-    for r in nb.prange(face_id.shape[0]):
+    for r in range(face_id.shape[0]):
         for c in range(face_id.shape[1]):
             face = face_id[r, c]
             if face >= 0:

@@ -6,7 +6,7 @@ never sums, so that views may come in chunks: a chunk's value counts with its sh
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -42,6 +42,7 @@ class Views:
     depth: Float[torch.Tensor, "K H W"] | None = None
 
 
+@runtime_checkable
 class Guidance(Protocol):
     """An objective. `weights` says how much each of its losses counts; `outputs` which pictures it needs."""
 

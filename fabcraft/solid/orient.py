@@ -1,9 +1,11 @@
 """Where the object lies on the printer's bed.
 
-As it is worn, if that fits the build volume; else the first of a few turns that does: on its back (front up), on its
-front, then each of the three turned about the vertical in steps of 15 degrees. The lowest point touches the bed, the
+The first pose that fits the build volume: as it is worn, then turned about the vertical in steps of 15 degrees; the same
+on its back (front up), then on its front. The lowest point touches the bed, the
 middle of the box is the middle of the bed.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
@@ -19,16 +21,24 @@ POSES = (
 """Name, and turn about the x axis in degrees: -90 takes -y (the front) to +z."""
 
 
-def onto_bed(mesh: Mesh, profile: PrinterProfile) -> tuple[Mesh, str]:
-    """`mesh` placed on the bed, and how, in words; an object that fits in no pose stays as it is worn."""
+@dataclass(frozen=True, eq=False)
+class OnBed:
+    """An object on the bed, mm, and how it lies, in words."""
+
+    mesh: Mesh
+    words: str
+
+
+def onto_bed(mesh: Mesh, profile: PrinterProfile) -> OnBed:
+    """`mesh` placed on the bed; an object that fits in no pose stays as it is worn."""
     build = np.array(profile.build_mm)
     for name, about_x in POSES:
         for about_z in np.arange(0.0, 91.0, 15.0):
             turned = mesh.transformed(_turn(about_x, about_z))
             if (turned.size_mm <= build).all():
                 words = name if about_z == 0.0 else f"{name}, turned by {about_z:.0f} degrees"
-                return _laid(turned, build), words
-    return _laid(mesh, build), "as it is worn; it is larger than the build volume"
+                return OnBed(_laid(turned, build), words)
+    return OnBed(_laid(mesh, build), "as it is worn; it is larger than the build volume")
 
 
 def _turn(about_x_deg: float, about_z_deg: float) -> Float64[np.ndarray, "4 4"]:

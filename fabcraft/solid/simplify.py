@@ -14,7 +14,7 @@ from fabcraft.mesh import Mesh
 from fabcraft.solid.crossing import self_intersecting_faces
 from fabcraft.solid.manifolds import to_manifold, to_mesh, try_manifold
 
-_SHARES = (1.0, 0.96, 0.92, 0.5, 0.25, 0.125)
+_SHARES = (1.0, 0.96, 0.92, 0.88, 0.84, 0.8, 0.5, 0.25, 0.125)
 """Tolerances to try, over the one asked: a little less often rids the result of a needle, half of a crossing."""
 _NEEDLE_MM = 1e-5
 

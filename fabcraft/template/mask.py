@@ -1,8 +1,8 @@
 """The mask: a sheet in front of the face, from above the brows to under the chin, with two eye openings.
 
 Placement (mm on an adult of 123 mm menton-sellion, scaled to the face): from glabella + 30 down to menton - 5, laterally
-to 0.85 of the zygion; openings 36 x 24 centred on the eyes. Clearance to the skin: 2.0 in general, 6 before the eyes,
-4 before the lips, 0.3 where it rests (forehead band, cheekbones, nose bridge).
+to 0.85 of the zygion; openings 36 x 24 centred on the eyes. Clearance to the skin: 2.0 in general, 4 before
+the lips, 0.3 where it rests (forehead band, cheekbones, nose bridge); before the eyes are openings.
 
 The sheet does not copy the face: it is the smoothest surface in front of it, held where it rests, so that the wearer's
 lips and nostrils do not show through.
@@ -25,6 +25,8 @@ from fabcraft.template.template import FrontSurface, Template
 CONTACTS = ("forehead", "cheekbone_left", "cheekbone_right", "nose_bridge")
 LANDMARKS = ("sellion", "glabella", "menton", "zygion_left", "zygion_right", "eye_left", "eye_right")
 GENERAL_MM, RESTING_MM = 2.0, 0.3
+WALL_MM = (1.6, 5.0)
+"""Thinnest and thickest wall: it must carry the beads, and still be a wall."""
 ADULT_FACE_MM = 123.0  # menton to sellion, median man (ANSUR II)
 _SLACK_MM = 0.15  # the height fields are grids; what they miss between pixels stays under this
 
@@ -34,8 +36,11 @@ def mask(body: Body, wall_mm: float = 2.4) -> Template:
 
     wall_mm : thickness of the finished wall, 1.6-5.  Raises `InputError` for a body without a face, or a wall outside.
     """
-    if not 1.6 <= wall_mm <= 5.0:
-        raise InputError(f"a mask's wall of {wall_mm} mm was asked", "Choose between 1.6 and 5 mm.")
+    if not WALL_MM[0] <= wall_mm <= WALL_MM[1]:
+        raise InputError(
+            f"a mask's wall of {wall_mm} mm was asked",
+            f"Choose between {WALL_MM[0]:g} and {WALL_MM[1]:g} mm.",
+        )
     head = body.part("head") if "neck_root" in body.joints and body.kind == "human" else body
     missing = [name for name in LANDMARKS if name not in head.landmarks]
     if missing:
@@ -140,7 +145,7 @@ def _core(head: Body, floor: np.ndarray, plane: Plane, scale: float) -> np.ndarr
 
 
 def _zones(head: Body, plane: Plane) -> list[tuple[float, np.ndarray]]:
-    """(distance, pixels) of the regions that keep farther from the sheet than the rest: eyes, lips, nose tip."""
+    """(distance, pixels) of the regions that keep farther from the sheet than the rest: lips, and the like."""
     return [
         (region.never_closer_mm, _near(head, (name,), plane, 3.0))
         for name, region in sorted(head.regions.items())

@@ -1,0 +1,104 @@
+"""The terms that speak of the deformation itself: near to nothing, locked faces, no collapse, smooth normals, even edges."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64, Int
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from fabcraft.fit.descend import State, rest_restriction
+from fabcraft.fit.losses import Term, collapse_loss, jacobian_loss, normal_consistency_loss, smoothness_loss
+from fabcraft.fit.presets import DeformWeights
+from fabcraft.geometry.operators import edge_faces
+from fabcraft.geometry.poisson import PoissonSystem
+from fabcraft.mesh import Mesh
+
+
+def shape_terms(
+    system: PoissonSystem,
+    weights: DeformWeights,
+    lock: Float64[np.ndarray, " F"],
+    origin: Float64[np.ndarray, "V 3"],
+) -> list[Term]:
+    """Terms on a rest mesh in the optimiser's frame.
+
+    lock : how much every face is to stay as it is, 0..1.
+    origin : where the vertices were before anything was deformed; the locked faces go back to that shape.
+    """
+    base = rest_restriction(system, 3)
+    areas = torch.from_numpy(system.areas).float()
+    index = torch.from_numpy(system.faces.astype(np.int64))
+    edges, pairs = edge_faces(system.faces)
+    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0])
+    terms = [
+        Term("jacobian", weights.jacobian, lambda state: jacobian_loss(state.restricted, base, areas)),
+        Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
+        Term("edge", weights.edge, _edge_term(system, edges)),
+    ]
+    if len(inner):
+        terms.append(
+            Term(
+                "normal", weights.normal, lambda state: normal_consistency_loss(state.positions, index, inner)
+            )
+        )
+        frames = torch.from_numpy(system.frames).float()
+
+        def smoothness(state: State) -> Tensor:
+            return smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner)
+
+        terms.append(Term("smoothness", weights.smoothness, smoothness))
+    if lock.any():
+        terms.append(Term("locked", weights.locked, _lock_term(system, lock, origin)))
+    return [term for term in terms if term.weight > 0.0]
+
+
+def edge_loss(lengths: Float[Tensor, " E"], rest: Float[Tensor, " E"]) -> Tensor:
+    """Mean squared departure of the edges' stretch from its mean: growing costs nothing, growing unevenly does."""
+    ratio = lengths / rest
+    return ((ratio - ratio.mean()) ** 2).mean()
+
+
+def lock_weights(mesh: Mesh, locked: Bool[np.ndarray, " F"], falloff_mm: float) -> Float64[np.ndarray, " F"]:
+    """1 on locked faces, falling smoothly to 0 over `falloff_mm` from them."""
+    if not locked.any():
+        return np.zeros(len(locked))
+    centres = mesh.corners.mean(1)
+    distances, _ = cKDTree(centres[locked]).query(centres)
+    share = np.clip(1.0 - distances / max(falloff_mm, 1e-9), 0.0, 1.0)
+    return np.where(locked, 1.0, share * share * (3.0 - 2.0 * share))
+
+
+def _lock_term(
+    system: PoissonSystem, lock: Float64[np.ndarray, " F"], origin: Float64[np.ndarray, "V 3"]
+) -> Callable[[State], Tensor]:
+    """Area mean of |J W − W|² over the locked faces, J that of where the vertices are.
+
+    Not of what the unknowns ask for: those of neighbouring faces may contradict each other, and the solve then gives way.
+    """
+    held = np.flatnonzero(lock > 0.0)
+    corners = system.rest[system.faces[held]]
+    # two edges of each face in its frame, as columns: R spans = the same edges now
+    spans = np.einsum("fek,fde->fkd", system.frames[held], np.diff(corners, axis=1))
+    inverse = torch.from_numpy(np.linalg.inv(spans)).float()
+    wanted = torch.from_numpy(system.restricted(origin)[held]).float()
+    weights = torch.from_numpy(lock[held] * system.areas[held]).float()
+    index = torch.from_numpy(system.faces[held].astype(np.int64))
+
+    def locked(state: State) -> Tensor:
+        now = torch.diff(state.positions[index], dim=1).transpose(1, 2)
+        return jacobian_loss(now @ inverse, wanted, weights)
+
+    return locked
+
+
+def _edge_term(system: PoissonSystem, edges: Int[np.ndarray, "E 2"]) -> Callable[[State], Tensor]:
+    rest = np.linalg.norm(system.rest[edges[:, 0]] - system.rest[edges[:, 1]], axis=1)
+    ends, lengths = torch.from_numpy(edges.astype(np.int64)), torch.from_numpy(rest).float()
+
+    def edge(state: State) -> Tensor:
+        spans = state.positions[ends[:, 0]] - state.positions[ends[:, 1]]
+        return edge_loss(torch.sqrt((spans**2).sum(1) + 1e-16), lengths)
+
+    return edge

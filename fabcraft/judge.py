@@ -1,0 +1,103 @@
+"""What a finished mask promises its wearer, and how like the drawing it is.
+
+Contacts are judged where the drawn outline covers them; that enough of them are covered, and that the openings are before
+the eyes, are promises of their own: a mask pushed up over the forehead sits on its one pad without a fault.
+"""
+
+import numpy as np
+from jaxtyping import Bool
+from scipy.ndimage import distance_transform_edt
+
+from fabcraft.check.inspect import Worn
+from fabcraft.check.report import Finding
+from fabcraft.geometry.contour import inside
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.raster import silhouette_mask
+from fabcraft.guidance.inflate import Relief, solid_mask
+from fabcraft.mesh import Mesh
+from fabcraft.solid.shell import PAD_ROOM_MM
+from fabcraft.template.mask import RESTING_MM
+from fabcraft.template.template import Template
+
+PENETRATION_MM = 0.05
+"""Nothing of the object is deeper than this in the body."""
+COVERED_SHARE = 0.25
+"""A region counts as a rest when at least this share of it has a pad."""
+EYES = (("eye_right", "right"), ("eye_left", "left"))
+
+
+def worn(solid: Mesh, template: Template, relief: Relief, distance: SurfaceDistance) -> Worn:
+    """What the object is held to on its body: the contacts that it covers rest, no penetration, the eyes free."""
+    head = template.body
+    contacts = [
+        head.mesh.vertices[head.regions[name].vertex_indices][_covered(name, template, relief)]
+        for name in template.contacts
+    ]
+    return Worn(
+        body=distance,
+        object=solid,
+        clearance_mm=0.0,
+        penetration_limit_mm=PENETRATION_MM,
+        contacts=np.concatenate(contacts),
+        gaps_mm=RESTING_MM,
+        donning=template.donning,
+        eyes=np.stack([head.landmarks[name] for name, _ in EYES]),
+    )
+
+
+def seat_findings(template: Template, relief: Relief) -> list[Finding]:
+    """Where the mask cannot rest, and eyes that are not behind an opening."""
+    shares = {name: float(np.mean(_covered(name, template, relief))) for name in template.contacts}
+    bare = [name.replace("_", " ") for name, share in shares.items() if share < COVERED_SHARE]
+    found = []
+    if bare:
+        rests = len(shares) - len(bare)
+        found.append(
+            Finding(
+                check="rests",
+                severity="fail" if rests < 2 else "warn",
+                value=rests,
+                limit=len(shares),
+                advice=f"The outline does not reach the {', '.join(bare)}: the mask does not rest there. "
+                "Move or enlarge the drawing (--up, --left, --scale).",
+            )
+        )
+    for name, side in EYES:
+        eye = template.body.landmarks[name][[0, 2]][None]
+        if not any(inside(eye, [opening])[0] for opening in relief.openings):
+            found.append(
+                Finding(
+                    check="eyes",
+                    severity="fail",
+                    advice=f"The wearer's {side} eye is not behind an opening. Move the drawing (--up, --left, --scale).",
+                )
+            )
+    return found
+
+
+def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> dict[str, float]:
+    """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
+    half = 0.5 * template.wall_mm
+    everything = np.vstack([relief.outline, template.outline, solid.vertices[:, [0, 2]]])
+    plane = Plane.around(everything, 0.25, 4.0)
+    wanted = solid_mask(relief.outline, relief.openings, plane)
+
+    def overlap(mesh: Mesh, grown_mm: float) -> float:
+        pixels = plane.to_pixels(mesh.vertices[:, [0, 2]])
+        seen = silhouette_mask(pixels, mesh.faces, plane.width, plane.height) >= 0.5
+        if grown_mm > 0.0:  # a wall around a sheet adds half its thickness to the silhouette
+            seen |= distance_transform_edt(~seen) * plane.pixel_mm <= grown_mm
+        return float((seen & wanted).sum() / (seen | wanted).sum())
+
+    return {
+        "silhouette_iou": overlap(solid, 0.0),
+        "silhouette_iou_before": overlap(template.mesh, half),
+        "silhouette_iou_direct": overlap(direct, half),
+    }
+
+
+def _covered(name: str, template: Template, relief: Relief) -> Bool[np.ndarray, " N"]:
+    """Which points of a region of the body lie under the object, far enough from its rims for a pad."""
+    points = template.body.mesh.vertices[template.body.regions[name].vertex_indices]
+    return relief.room_at(points[:, [0, 2]]) > PAD_ROOM_MM
