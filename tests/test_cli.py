@@ -307,7 +307,7 @@ def test_each_kind_of_error_has_its_code(
         (["make", "mask", "--sketch", CAT, "-o", "no/where/a.3mf"], "mkdir -p no/where"),
         (["make", "mask", "--sketch", CAT, "--up", "nan", "-o", "a.3mf"], "finite"),
         (["make", "mask", "--sketch", CAT, "--scale", "7", "-o", "a.3mf"], "0.5 and 2"),
-        (["make", "mask", "--sketch", CAT, "--wall", "99", "-o", "a.3mf"], "0.2 and 20"),
+        (["make", "mask", "--sketch", CAT, "--wall", "99", "-o", "a.3mf"], "1.6 and 5"),
         (["make", "mask", "--sketch", CAT, "--preset", "drfat", "-o", "a.3mf"], "draft"),
         (
             ["make", "mask", "--sketch", CAT, "--printer", "prusa-mk44", "-o", "a.3mf"],

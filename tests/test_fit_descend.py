@@ -78,3 +78,16 @@ def test_a_run_goes_on_from_where_another_stopped():
     whole = descend(SYSTEM, [towards_goal()], Descent(40, 1e-2, 1e-2, final_share=1.0), REST)
     np.testing.assert_allclose(second.positions, whole.positions, atol=2e-5)
     assert second.variables.step == 40
+
+
+def test_a_step_over_a_cliff_is_halved_until_it_is_back():
+    wall = 1.15  # the goal lies beyond it, at 1.7
+
+    def guarded(state):
+        beyond = state.positions[:, 0].max() > wall
+        return point_loss(state.positions, GOAL) * (float("nan") if beyond else 1.0)
+
+    outcome = descend(SYSTEM, [Term("goal", 1.0, guarded)], Descent(80, 3e-2, 3e-2), REST)
+    # it comes up to the cliff in ever smaller steps, and what it returns lies before it
+    assert wall - 0.02 < outcome.positions[:, 0].max() <= wall + 1e-6
+    assert np.isfinite(outcome.history["total"]).all()

@@ -366,3 +366,9 @@ def test_the_examples_are_good_masks(name, eyes_found, strokes_least):
     if eyes_found:
         apart = np.linalg.norm(drawing.eyes[1].mean(0) - drawing.eyes[0].mean(0))
         assert 0.40 < apart / width < 0.50
+
+
+def test_noise_is_refused_instead_of_being_traced_for_minutes() -> None:
+    grey = np.random.default_rng(0).integers(0, 256, (500, 500), dtype=np.uint8)
+    with pytest.raises(InputError, match="short lines"):
+        understand(np.dstack([grey, grey, grey, np.full_like(grey, 255)]))

@@ -1,9 +1,10 @@
 """The loop: Adam on restricted Jacobians and a translation, through a Poisson solve, over a sum of terms.
 
 It knows no term by name. Variables: X (F, D, 2), added to the rest mesh's own restriction W (so X = 0 is the rest mesh
-exactly), and t (D,), since a Poisson solve says nothing about where the object sits. A step whose energy or gradient is
-not finite is skipped and halves the learning rate; five in a row stop the run. Ctrl-C stops it and keeps the best so far,
-where energies of different steps are compared without their paces, so that a term that is eased in does not count as worse.
+exactly), and t (D,), since a Poisson solve says nothing about where the object sits. A step after which energy or
+gradient is not finite is halved, and so is the learning rate; `PATIENCE` times in a row stop the run. Ctrl-C stops it
+and keeps the best so far, where energies of different steps are compared without their paces, so that a term that is
+eased in does not count as worse.
 
 What is too large for one graph comes as *chunks*: each chunk's gradient is taken to the positions alone and added up there,
 and then goes once through the Poisson solve, so that memory does not grow with the number of chunks.
@@ -21,6 +22,9 @@ from torch import Tensor
 
 from fabcraft.fit.losses import Term
 from fabcraft.geometry.poisson import PoissonSystem
+
+PATIENCE = 8
+"""Halvings in a row before a run gives up: by then the last step is under a hundredth of itself."""
 
 
 class Stop(Enum):
@@ -136,15 +140,16 @@ def descend(
             positions, values, judged = run.energy(descent.before + step)
             if not run.finite(values):
                 failures, slowed = failures + 1, slowed * 0.5
-                if failures == 5:
+                if failures == PATIENCE:
                     stopped = Stop.NOT_FINITE
                     break
+                run.halve_step()
                 continue
             failures = 0
             run.note(positions, values, judged)
             if watch is not None:
                 watch(descent.before + step, values, positions)
-            run.optimiser.step()
+            run.step()
             if step % 20 == 19:
                 if marked is not None and float((positions - marked).abs().max()) < descent.still:
                     stopped = Stop.STILL
@@ -176,8 +181,21 @@ class _Run:
         self.history: dict[str, list[float]] = {
             name: [] for name in [*(term.name for term in terms), "total"]
         }
+        self.last: tuple[Tensor, Tensor] | None = None
         self.best = math.inf
         self.best_positions: Tensor | None = None
+
+    def step(self) -> None:
+        """One step of Adam; where it started is remembered."""
+        self.last = self.offset.detach().clone(), self.translation.detach().clone()
+        self.optimiser.step()
+
+    def halve_step(self) -> None:
+        """Go half the way back to where the last step started: there the energy was a number."""
+        if self.last is not None:
+            with torch.no_grad():
+                self.offset.lerp_(self.last[0], 0.5)
+                self.translation.lerp_(self.last[1], 0.5)
 
     def pace_rates(self, factor: float) -> None:
         """Set the learning rates of the step to come."""

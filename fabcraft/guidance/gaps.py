@@ -24,6 +24,7 @@ Vector = Float64[np.ndarray, "2"]
 KEEPS = 0.88
 LENGTHS = (0.035, 0.07, 0.12)  # of the drawing's longer side
 WIDEST = 0.06  # radius, of the same
+MOST_ENDS = 200
 WORTH = 0.0015  # share of the filled area that a bridge must add
 
 
@@ -121,7 +122,8 @@ def _free_ends(branches: list[Branch]) -> list[Branch]:
         if b.ring:
             continue
         out += [b] * (b.end < 0) + [b.turned()] * (b.start < 0)
-    return out
+    # a page of hatching or noise has thousands; an outline's gaps are between its long strokes
+    return sorted(out, key=lambda b: -len(b.points))[:MOST_ENDS] if len(out) > MOST_ENDS else out
 
 
 def _candidates(

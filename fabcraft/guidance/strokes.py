@@ -12,8 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy import ndimage
 
+from fabcraft.errors import InputError
 from fabcraft.geometry.contour import resample, resample_open
 from fabcraft.guidance.curves import length_of, smooth_closed, smooth_open
+
+MOST_BRANCHES = 3000
+"""More is noise, a photograph or a screen print; what follows would take minutes and understand nothing."""
 
 Mask = Bool[np.ndarray, "H W"]
 Points = Float64[np.ndarray, "_ 2"]
@@ -60,6 +64,11 @@ def skeleton_graph(mask: Mask, width: float) -> list[Branch]:
     skeleton = skeletonize(smooth | (padded & ~ndimage.binary_dilation(smooth, iterations=2)))
     deep = cv2.distanceTransform(padded.astype(np.uint8), cv2.DIST_L2, 5)
     branches = _branches(skeleton)
+    if len(branches) > MOST_BRANCHES:
+        raise InputError(
+            f"the picture falls apart into {len(branches):,} short lines; a line drawing has some hundred",
+            "Draw it with clear lines on plain paper, or clean the scan first.",
+        )
     for _ in range(3):
         kept = [b for b in branches if not _is_spur(b, deep, width)]
         kept = _without_joints(_contracted(kept, 2.0 * width))
