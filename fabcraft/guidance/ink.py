@@ -84,7 +84,7 @@ def darkness(rgb: Float32[np.ndarray, "H W 3"]) -> Grey:
     return np.clip(np.maximum(taken.mean(2), 0.8 * taken.max(2)), 0, 1).astype(np.float32)
 
 
-def stroke_width(mask: Mask, percentile: float = 50) -> float:
+def stroke_width(mask: Mask, percentile: float = 50.0) -> float:
     """Median (or another percentile) of the width of the drawn lines, pixels; of a page of filled shapes,
     about 1 % of the side.
     """
@@ -106,7 +106,7 @@ def one_line(mask: Mask) -> tuple[Mask, float]:
     closed = (cv2.distanceTransform(grown.astype(np.uint8), cv2.DIST_L2, 5) > 0.7 * width)[r:-r, r:-r] | mask
     if closed.sum() < 1.04 * mask.sum():  # measured: single lines gain 1-3 %, three searching lines 5-6 %
         return mask, width
-    return closed, stroke_width(closed, percentile=75)
+    return closed, stroke_width(closed, percentile=75.0)
 
 
 def _opaque(rgba: UInt8[np.ndarray, "H W 4"]) -> Float32[np.ndarray, "H W 3"]:
