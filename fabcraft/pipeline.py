@@ -192,10 +192,16 @@ def _stopped(design: "Design") -> list[Finding]:
     return [Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}.")]
 
 
-def _how(design: "Design") -> tuple[str]:
+def _how(design: "Design") -> tuple[str, str]:
     """The fit, in a line of the route."""
     return (
         f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm",
+        "outline "
+        + (
+            "meshed from the drawing, as the direct baseline: the fitted one would have folded"
+            if design.outline_direct
+            else "from the fitted template"
+        ),
     )
 
 

@@ -72,6 +72,8 @@ class FlatFit:
     remeshed: int
     """How many times the sheet was remeshed."""
     stopped: Stop
+    from_contours: bool
+    """The fitted mesh could not be laid on the contours, and was made from them alone: the direct baseline's outline."""
 
 
 def rim_targets(
@@ -142,7 +144,8 @@ def fit_flat(
         except KeyboardInterrupt:  # between the steps: while it factorises or remeshes
             stopped = Stop.INTERRUPTED
             break
-    return FlatFit(_snapped(sheet, dense, edge_mm), history, remeshed, stopped)
+    laid, from_contours = _snapped(sheet, dense, edge_mm)
+    return FlatFit(laid, history, remeshed, stopped, from_contours)
 
 
 def _watcher(
@@ -225,10 +228,10 @@ def _terms(
     ]
 
 
-def _snapped(sheet: PlaneMesh, dense: list[np.ndarray], edge_mm: float) -> PlaneMesh:
+def _snapped(sheet: PlaneMesh, dense: list[np.ndarray], edge_mm: float) -> tuple[PlaneMesh, bool]:
     """Rims laid on their contours at even spacing, the inside following harmonically, then meshed evenly once more.
 
-    Where a face would turn over, the mesh is made from the contours alone.
+    Where a face would turn over, the mesh is made from the contours alone, and the second value is True.
     """
     contours = [resample(goal, edge_mm, corner_reach=1.2 * edge_mm) for goal in dense]
     rims = np.concatenate(sheet.loops)
@@ -247,5 +250,5 @@ def _snapped(sheet: PlaneMesh, dense: list[np.ndarray], edge_mm: float) -> Plane
     a, b, c = points[sheet.faces].transpose(1, 0, 2)
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     if area.min() > 0.05 * edge_mm**2:
-        return PlaneMesh(points, sheet.faces, sheet.loops)
-    return triangulate(contours, edge_mm, resampled=True)
+        return PlaneMesh(points, sheet.faces, sheet.loops), False
+    return triangulate(contours, edge_mm, resampled=True), True

@@ -79,6 +79,8 @@ class Design:
     pushed_mm: float
     """Largest push of the settling."""
     remeshed: int
+    outline_direct: bool
+    """The outline was meshed from the drawn contours, because the fitted one would have folded."""
     settings: FitSettings
 
     @property
@@ -171,6 +173,7 @@ def fit(
         stopped,
         pushed_mm,
         flat.remeshed,
+        flat.from_contours,
         settings,
     )
 
