@@ -1,15 +1,20 @@
 """`Template`: the base mesh of a kind of wearable, placed on a body before anything deforms it.
 
-A shell-like template is a *sheet*: the middle of a wall that print-prep makes later. Its front view carries height
-fields (`FrontSurface`) that say how far in front of the skin the sheet has to stay, and where it may touch.
+A *sheet* is the middle of a wall that print-prep makes later. Its front view carries height fields (`FrontSurface`) that
+say how far in front of what is behind it the sheet has to stay, and where it may touch. A *solid* is finished as it is;
+what a drawing adds to it goes into its motif frames, whose plates are sheets in their turn.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int32
 
 from fabcraft.body.body import Body
+from fabcraft.errors import InputError
 from fabcraft.geometry.plane import Plane
 from fabcraft.mesh import Mesh
 
@@ -44,6 +49,56 @@ class FrontSurface:
 
 
 @dataclass(frozen=True, eq=False)
+class MotifFrame:
+    """A place of a template for a motif: a picture plane before its outer surface, mm.
+
+    Whoever looks at the picture sees `right` to the right and `up` upwards; right x up points at them, off the object.
+    """
+
+    name: str
+    """What makers call the place: bezel, band, pendant, brow, crown, toe, front."""
+    origin: Float64[np.ndarray, "3"]
+    """Middle of the picture, on the outer surface."""
+    right: Float64[np.ndarray, "3"]
+    up: Float64[np.ndarray, "3"]
+    size_mm: tuple[float, float]
+    """Width and height that a motif gets without being asked for another size."""
+    reach_mm: float
+    """How far beyond that size it may grow before it hits the body, the donning path or another part."""
+    axis: tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]] | None = None
+    """(a point, the unit direction along `up`) of the axis that the picture is rolled around; None: the picture is flat."""
+
+    @property
+    def outward(self) -> Float64[np.ndarray, "3"]:
+        """Unit normal of the picture, towards the viewer."""
+        return np.cross(self.right, self.up)
+
+
+@dataclass(frozen=True, eq=False)
+class DonningPath:
+    """How the worn object comes off: rigid poses from its seat outwards, and what gives on the way."""
+
+    poses: Float64[np.ndarray, "K 4 4"]
+    """Transforms of the worn object, K >= 30; the first is the identity."""
+    allowed_mm: float
+    """Press into the body that skin and the object's flex take together on the way."""
+    why: str
+    """Where that allowance comes from, for the report."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that a maker may set: `--set name=value`."""
+
+    name: str
+    unit: str
+    """mm, deg, or empty for a plain number."""
+    low: float
+    high: float
+    meaning: str
+
+
+@dataclass(frozen=True, eq=False)
 class Template:
     """A placed base mesh and what the fit and print-prep must know of it."""
 
@@ -51,12 +106,13 @@ class Template:
     body: Body
     """The part of the body that wears it."""
     mesh: Mesh
-    """The sheet, faces towards the viewer, mm."""
+    """The sheet, faces towards the viewer, or the closed solid, faces outward; mm."""
     rims: tuple[Int32[np.ndarray, " _"], ...]
-    """Vertex indices of its boundary loops: the outline first, then the openings, the wearer's right eye first."""
-    front: FrontSurface
+    """Of a sheet, vertex indices of its boundary loops: the outline, then the openings, the wearer's right eye first."""
+    surface: FrontSurface | None
+    """Of a sheet, its height fields; None for a solid."""
     wall_mm: float
-    """Thickness of the wall that print-prep gives the sheet."""
+    """Thickness of the wall that print-prep gives a sheet; the thinnest part of a solid."""
     genus: int
     """Expected genus of the closed solid."""
     contacts: tuple[str, ...]
@@ -65,6 +121,39 @@ class Template:
     """Wanted edge length."""
     donning: tuple[float, float, float] = (0.0, -1.0, 0.0)
     """Direction in which the object comes off."""
+    path: DonningPath | None = None
+    """How it comes off where that is no straight way along `donning`."""
+    locked: Bool[np.ndarray, " _"] | None = None
+    """(F,) of a solid, the faces that meet the body and keep their shape."""
+    mirrored: bool = False
+    """Symmetric to the plane x = 0 of the body."""
+    pair: bool = False
+    """Made twice, the second one mirrored to x = 0 (slippers)."""
+    motifs: tuple[MotifFrame, ...] = ()
+    """Places for a motif, the usual one first."""
+    listed_mm: tuple[float, float] = (0.0, 0.0)
+    """Clearance that the kind asks for: at least, and typically (median over the faces that look at the skin)."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """What it was built with, by name (`Parameter`)."""
+    notes: tuple[str, ...] = ()
+    """What was chosen or changed on the way, in sentences for the user."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+
+    @property
+    def kind(self) -> Literal["sheet", "solid"]:
+        """Whether print-prep still has to make its wall."""
+        return "solid" if self.surface is None else "sheet"
+
+    @property
+    def front(self) -> FrontSurface:
+        """The height fields of a sheet.  Raises `InputError` for a solid."""
+        if self.surface is None:
+            raise InputError(
+                f"the {self.name} is a solid and has no front view", "Use one of its motif frames."
+            )
+        return self.surface
 
     @property
     def outline(self) -> Float64[np.ndarray, "N 2"]:
