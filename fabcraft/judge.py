@@ -76,8 +76,11 @@ def seat_findings(template: Template, relief: Relief) -> list[Finding]:
     return found
 
 
-def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> dict[str, float]:
-    """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
+def likeness(solid: Mesh, template: Template, relief: Relief, fitted: Mesh, direct: Mesh) -> dict[str, float]:
+    """Silhouette overlap with the drawn shape: of the finished object, and of three sheets grown by half a wall.
+
+    The sheets (fitted, direct baseline, unfitted template) compare with each other; the object has slots besides.
+    """
     half = 0.5 * template.wall_mm
     everything = np.vstack([relief.outline, template.outline, solid.vertices[:, [0, 2]]])
     plane = Plane.around(everything, 0.25, 4.0)
@@ -93,6 +96,7 @@ def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> d
     return {
         "silhouette_iou": overlap(solid, 0.0),
         "silhouette_iou_before": overlap(template.mesh, half),
+        "silhouette_iou_sheet": overlap(fitted, half),
         "silhouette_iou_direct": overlap(direct, half),
     }
 

@@ -157,7 +157,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         route=(*route, *_how(design), f"laid on the bed {placed.words}"),
         metrics={
             **found.metrics,
-            **likeness(solid.mesh, design.template, relief, design.direct),
+            **likeness(solid.mesh, design.template, relief, design.mesh, design.direct),
             "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
         },
         seconds=clock.seconds,
@@ -200,7 +200,7 @@ def _how(design: "Design") -> tuple[str, str]:
         + (
             "meshed from the drawing, as the direct baseline: the fitted one would have folded"
             if design.outline_direct
-            else "from the fitted template"
+            else f"from the fitted template, laid on the drawn one ({design.laid_mm:.1f} mm at most)"
         ),
     )
 
