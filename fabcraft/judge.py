@@ -101,6 +101,41 @@ def likeness(solid: Mesh, template: Template, relief: Relief, fitted: Mesh, dire
     }
 
 
+def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Worn:
+    """What a solid is held to on its body: no penetration, its firm contacts rest, it comes off.
+
+    Regions that it only hangs on (weight below 1, as a bangle on a wrist) ask for no gap.
+    """
+    body = template.body
+    firm = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
+    rest = [body.mesh.vertices[region.vertex_indices] for region in firm]
+    gaps = [np.full(len(region.vertex_indices), template.listed_mm[0]) for region in firm]
+    pressed = max([-region.never_closer_mm for region in firm], default=0.0)
+    return Worn(
+        body=distance,
+        object=solid,
+        penetration_limit_mm=max(PENETRATION_MM, pressed),
+        contacts=np.concatenate(rest) if rest else None,
+        gaps_mm=np.concatenate(gaps) if gaps else 0.0,
+        donning=template.donning,
+    )
+
+
+def motif_likeness(plate_solid: Mesh, plate: Template, relief: Relief) -> dict[str, float]:
+    """Silhouette overlap of the finished plate with the drawn shape, in the motif's frame, and of the plate before."""
+    everything = np.vstack([relief.outline, plate.outline])
+    plane = Plane.around(everything, 0.25, 4.0)
+    wanted = solid_mask(relief.outline, relief.openings, plane)
+
+    def overlap(mesh: Mesh) -> float:
+        seen = silhouette_mask(
+            plane.to_pixels(mesh.vertices[:, [0, 2]]), mesh.faces, plane.width, plane.height
+        )
+        return float(((seen >= 0.5) & wanted).sum() / ((seen >= 0.5) | wanted).sum())
+
+    return {"silhouette_iou": overlap(plate_solid), "silhouette_iou_before": overlap(plate.mesh)}
+
+
 def _covered(name: str, template: Template, relief: Relief) -> Bool[np.ndarray, " N"]:
     """Which points of a region of the body lie under the object, far enough from its rims for a pad."""
     points = template.body.mesh.vertices[template.body.regions[name].vertex_indices]

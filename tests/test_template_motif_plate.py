@@ -6,7 +6,7 @@ from worn import limb
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
-from fabcraft.template.plate import SIZE, THICKNESS, plate
+from fabcraft.template.motif_plate import SIZE, THICKNESS, plate
 from fabcraft.template.template import MotifFrame, Template
 
 FRAME = MotifFrame(
