@@ -50,15 +50,14 @@ COW = Model(
         eye=(21, -87, 150),
         eye_radius=7.8,
         glabella_z=162,
+        sellion_z=149,
         nose_z=122,
         mouth=(0, -109, 104),
         chin=(0, -88, 95),
         breadth_z=162,
         cheek=(38, -66, 138),
         temple=(40, -44, 166),
-        ear=Ear(
-            shape=_EAR, tip=(46, -44, 169), outermost=(82, -44, 144), back=(38, -36, 156), low=(40, -44, 142)
-        ),
+        ear=Ear(shape=_EAR, tip=(46, -44, 169), outermost=(82, -44, 144)),
         cut=((0, -20, 102), (0, -0.66, 0.75)),
     ),
     neck=Neck(
@@ -68,8 +67,8 @@ COW = Model(
         collarbone=(20, -44, 92),
         cut=((0, -2, 64), (0, -0.6, 0.8)),
     ),
-    arm=Arm(elbow=(24.5, -21, 50), wrist=(25, -22, 30), tip=(25, -24, 6), back=(0, -1, 0), girth_mm=20),
-    foot=Foot(ankle=(26, 72, 26), reach_mm=42, cut_z=40),
+    arm=Arm(elbow=(24.6, -21.3, 36), wrist=(25, -22, 25), tip=(25, -24, 6), back=(0, -1, 0), girth_mm=20),
+    foot=Foot(ankle=(26, 72, 26), reach_mm=42, cut_z=40, behind_mm=24),
     unwearable={
         "helmet": "its horns stand on the crown, where a helmet would sit",
         "visor": "its horns and ears grow where the band would run",

@@ -8,6 +8,8 @@ _SPIKES = (
     ((0, 80, 59), 11.5, 15), ((0, 104, 45), 9.5, 12), ((0, 127, 36), 7.5, 9), ((0, 148, 34), 5.5, 7),
 )  # fmt: skip
 """(near, radius, height) of each, from the neck to the end of the tail."""
+_FINGERS = (((44, -49, 92), (42, -59, 91), (40, -69, 90)), ((54, -48, 92), (57, -58, 90.5), (60, -67, 89)))
+"""(base, knuckle, tip) of each finger of the left hand."""
 
 
 def _head() -> Shape:
@@ -24,7 +26,7 @@ def _body() -> Shape:
     foot = joined(5, ellipsoid((34, -10, 12), (19, 24, 15)), *toes)
     leg = joined(9, ellipsoid((32, 6, 46), (20, 27, 30)), limb([(34, 6, 34), (33, 2, 14)], (17, 16)), foot)
     arm = limb([(26, -12, 108), (46, -24, 97), (49, -44, 93)], (11, 9.5, 9))
-    hand = joined(3, arm, limb([(45, -46, 93), (41, -65, 91)], (5, 4.4)), limb([(53, -46, 92), (57, -64, 90)], (5, 4.4)))
+    hand = joined(3, arm, *[limb([base, tip], (5, 4.6)) for base, _, tip in _FINGERS])
     return joined(7, trunk, both_sides(leg), both_sides(hand))
 
 
@@ -48,7 +50,8 @@ DINOSAUR = Model(
         middle=(0, -22, 160),
         eye=(22, -53.5, 176),
         eye_radius=8,
-        glabella_z=188,
+        glabella_z=184,
+        sellion_z=174,
         nose_z=155,
         mouth=(0, -81, 143),
         chin=(0, -64, 125),
@@ -68,10 +71,10 @@ DINOSAUR = Model(
     arm=Arm(
         elbow=(44, -22, 98),
         wrist=(48.5, -40, 94),
-        tip=(49, -58, 91),
+        tip=(49, -64, 90.5),
         back=(0, 0.1, 1),
         girth_mm=13,
-        fingers=(((45, -46, 93), (43, -55, 92), (41, -65, 91)), ((53, -46, 92), (55, -55, 91), (57, -64, 90))),
+        fingers=_FINGERS,
     ),
-    foot=Foot(ankle=(33, 2, 28), reach_mm=50, cut_z=44),
+    foot=Foot(ankle=(33, 2, 26), reach_mm=52, cut_z=36, behind_mm=18, inner_x=10),
 )

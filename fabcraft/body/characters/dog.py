@@ -55,15 +55,14 @@ DOG = Model(
         eye=(19, -82, 150),
         eye_radius=7.4,
         glabella_z=163,
+        sellion_z=149,
         nose_z=133,
         mouth=(0, -111, 112),
         chin=(0, -94, 104),
         breadth_z=150,
         cheek=(42, -62, 132),
         temple=(38, -46, 162),
-        ear=Ear(
-            shape=_EAR, tip=(36, -38, 178), outermost=(70, -42, 128), back=(36, -30, 166), low=(40, -38, 152)
-        ),
+        ear=Ear(shape=_EAR, tip=(36, -38, 178), outermost=(70, -42, 128)),
         cut=((0, -22, 98), (0, -0.66, 0.75)),
     ),
     neck=Neck(
@@ -73,8 +72,8 @@ DOG = Model(
         collarbone=(18, -46, 92),
         cut=((0, -2, 60), (0, -0.6, 0.8)),
     ),
-    arm=Arm(elbow=(23, -24, 48), wrist=(24, -26, 28), tip=(24, -44, 8), back=(0, -1, 0.1), girth_mm=19),
-    foot=Foot(ankle=(26, 63, 24), reach_mm=42, cut_z=38),
+    arm=Arm(elbow=(23.5, -24.5, 37), wrist=(24, -26, 25), tip=(24, -44, 8), back=(0, -1, 0.1), girth_mm=19),
+    foot=Foot(ankle=(26, 63, 24), reach_mm=42, cut_z=34, behind_mm=24),
     unwearable={
         "helmet": "its ears grow from the crown, where a helmet would sit",
         "visor": "its ears grow where the band would run",

@@ -4,9 +4,9 @@ from fabcraft.body.characters.model import Arm, Foot, Head, Model, Neck
 from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
 
 _FINGERS = (
-    ((58.5, -25, 60), (56, -29, 55), (53.5, -33, 50)),
-    ((64, -27, 59), (65, -31, 53), (66, -35.5, 47)),
-    ((69.5, -23, 61), (73, -26, 56.5), (77, -29.5, 52)),
+    ((57.5, -25, 61), (54, -29, 55.5), (50, -33, 50)),
+    ((63.5, -27, 59), (64.5, -32, 52), (65, -36.5, 45.5)),
+    ((70, -21, 63), (77, -23.5, 58), (84, -26, 52.5)),
 )
 """(base, knuckle, tip) of each finger of the left hand."""
 
@@ -23,7 +23,7 @@ def _body() -> Shape:
     leg = joined(8, shin, ellipsoid((31, -12, 9), (20, 26, 11), (0, 0, 12)), *toes)
     arm = limb([(22, 0, 110), (46, -4, 94), (60, -14, 76)], (11, 10, 9.5))
     hand = joined(6, arm, ellipsoid((63, -19, 69), (10.5, 9.5, 10)))
-    hand = joined(3, hand, *[limb([base, tip], (5, 5)) for base, _, tip in _FINGERS])
+    hand = joined(3, hand, *[limb([base, tip], (4.6, 4.9)) for base, _, tip in _FINGERS])
     return joined(8, joined(10, trunk, both_sides(leg)), both_sides(hand))
 
 
@@ -46,7 +46,8 @@ FROG = Model(
         middle=(0, -6, 144),
         eye=(34, -21, 177),
         eye_radius=10.5,
-        glabella_z=170,
+        glabella_z=168,
+        sellion_z=162,
         nose_z=154,
         mouth=(0, -54, 138),
         chin=(0, -40, 116),
@@ -64,14 +65,14 @@ FROG = Model(
         cut=((0, 0, 74), (0, 0, 1)),
     ),
     arm=Arm(
-        elbow=(46, -4, 94),
+        elbow=(53, -9, 85),
         wrist=(59, -13, 77),
         tip=(66, -33, 50),
         back=(0.5, -0.7, 0.5),
         girth_mm=13,
         fingers=(_FINGERS[0], _FINGERS[2]),
     ),
-    foot=Foot(ankle=(28, 5, 22), reach_mm=62, cut_z=36),
+    foot=Foot(ankle=(28, 5, 22), reach_mm=62, cut_z=36, behind_mm=20),
     unwearable={
         "glasses": "its eyes stand on top of its head, with no nose between them",
         "helmet": "its eyes stand on the crown, where a helmet would sit",

@@ -21,10 +21,6 @@ class Ear:
     shape: Shape
     tip: Place
     outermost: Place
-    back: Place
-    """Where it joins the head behind."""
-    low: Place
-    """Where it joins the head below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +31,7 @@ class Head:
     eye: Point
     eye_radius: float
     glabella_z: float
+    sellion_z: float
     nose_z: float
     mouth: Place
     chin: Place
@@ -84,7 +81,11 @@ class Foot:
     reach_mm: float
     """Every part of the foot is nearer than this to the ankle, seen from above; other feet are not."""
     cut_z: float
-    """The foot part ends here."""
+    """The foot part ends at this height,"""
+    behind_mm: float
+    """this far behind the ankle,"""
+    inner_x: float = 1.0
+    """and here towards the other foot."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

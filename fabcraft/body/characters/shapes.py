@@ -33,7 +33,7 @@ class Shape:
 
     def least(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         """A lower bound of the distance."""
-        return np.sqrt(((points - self.centre) ** 2).sum(1)) - self.radius
+        return _length(points - self.centre) - self.radius
 
 
 def ellipsoid(centre: Point, radii: Point, turn_deg: Point = UNTURNED) -> Shape:
@@ -43,8 +43,7 @@ def ellipsoid(centre: Point, radii: Point, turn_deg: Point = UNTURNED) -> Shape:
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = (points - middle) @ axes
-        k = np.sqrt((local**2).sum(1))
-        slope = np.sqrt(((local * inverse) ** 2).sum(1))
+        k, slope = _length(local), _length(local * inverse)
         return np.where(slope > 1e-9, k * (k - 1.0) / np.maximum(slope, 1e-9), -min(radii))
 
     return Shape(distance, middle, max(radii))
@@ -53,7 +52,7 @@ def ellipsoid(centre: Point, radii: Point, turn_deg: Point = UNTURNED) -> Shape:
 def ball(centre: Point, radius: float) -> Shape:
     """A ball."""
     middle = np.array(centre)
-    return Shape(lambda points: np.sqrt(((points - middle) ** 2).sum(1)) - radius, middle, radius)
+    return Shape(lambda points: _length(points - middle) - radius, middle, radius)
 
 
 def limb(points: Sequence[Point], radii: Sequence[float]) -> Shape:
@@ -104,7 +103,7 @@ def _round_cone(a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float) 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         away = points - a
         along = away @ axis
-        across = np.sqrt(np.maximum((away**2).sum(1) - along**2, 0.0))
+        across = np.sqrt(np.maximum(np.einsum("ij,ij->i", away, away) - along**2, 0.0))
         # the nearest ball along the axis: the foot of the normal to the slanted side
         foot = np.clip(along - across * less / side, 0.0, length) if side > 0.0 else np.full(len(along), 0.0)
         return np.hypot(across, along - foot) - (radius_a - foot * (less / length))
@@ -140,7 +139,7 @@ def drum(centre: Point, radius: float, half_height: float, rounding: float) -> S
 
 def _rounded(outside: Float64[np.ndarray, "N K"], rounding: float) -> Float64[np.ndarray, " N"]:
     """Distance to a box shrunk by `rounding`, from the excess along each axis, then grown again."""
-    beyond = np.sqrt((np.maximum(outside, 0.0) ** 2).sum(1))
+    beyond = _length(np.maximum(outside, 0.0))
     return beyond + np.minimum(outside.max(1), 0.0) - rounding
 
 
@@ -198,3 +197,7 @@ def _smooth_min(
         return np.minimum(first, second)
     share = np.maximum(blend - np.abs(first - second), 0.0) / blend
     return np.minimum(first, second) - 0.25 * blend * share**2
+
+
+def _length(vectors: Float64[np.ndarray, "N K"]) -> Float64[np.ndarray, " N"]:
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
