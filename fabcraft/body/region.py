@@ -7,7 +7,7 @@ al. 2021, Int J Bioprinting 7, 417); glasses and slippers may press 0.3 and 0.5 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -27,12 +27,13 @@ class Region:
     """Largest gap wanted between skin and object; meaningful where the weight is above 0."""
     never_closer_mm: float
     """The object stays at least this far from the skin; below 0 it may press into it by that much."""
-    emphasis: Float[np.ndarray, " N"] | None = None
-    """Share of `weight` at every vertex, in [0, 1]; all 1 when None was given.  Read-only float64."""
+    emphasis: Float[np.ndarray, " _"] = field(default_factory=lambda: np.ones(0))
+    """(N,) share of `weight` at every vertex, in [0, 1]; all 1 when none were given.  Read-only float64."""
 
     def __post_init__(self) -> None:
         indices, first = np.unique(np.asarray(self.vertex_indices, dtype=np.int64), return_index=True)
-        emphasis = np.ones(len(indices)) if self.emphasis is None else np.array(self.emphasis, float)[first]
+        given = np.array(self.emphasis, dtype=np.float64)
+        emphasis = given[first] if len(given) else np.ones(len(indices))
         for name, array in (("vertex_indices", indices), ("emphasis", emphasis)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -41,7 +42,9 @@ class Region:
         self, vertex_indices: Int[np.ndarray, " N"], emphasis: Float[np.ndarray, " N"] | None = None
     ) -> "Region":
         """The same rule for other vertices."""
-        return replace(self, vertex_indices=vertex_indices, emphasis=emphasis)
+        return replace(
+            self, vertex_indices=vertex_indices, emphasis=np.ones(0) if emphasis is None else emphasis
+        )
 
 
 _ONE: Mapping[str, tuple[float, float, float]] = {
@@ -88,4 +91,4 @@ def human_region(
 ) -> Region:
     """The region `name` of a person at the given vertices, with the rule of `RULES`."""
     weight, gap_mm, never_closer_mm = RULES[name]
-    return Region(name, vertex_indices, weight, gap_mm, never_closer_mm, emphasis)
+    return Region(name, vertex_indices, weight, gap_mm, never_closer_mm).at(vertex_indices, emphasis)
