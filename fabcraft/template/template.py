@@ -65,6 +65,15 @@ class Template:
     """Wanted edge length."""
     donning: tuple[float, float, float] = (0.0, -1.0, 0.0)
     """Direction in which the object comes off."""
+    resting_mm: float = 0.3
+    """Distance to the skin where it rests."""
+    opening_share: float = 0.7
+    """How small an opening may be drawn, over the template's own."""
+
+    @property
+    def scale(self) -> float:
+        """Size of the wearer's part over a person's: lengths that are no printer's go with it."""
+        return self.body.scale
 
     @property
     def outline(self) -> Float64[np.ndarray, "N 2"]:
