@@ -4,13 +4,11 @@ files, drawing → guidance → fit → solid → check → write. Every stage c
 """
 
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
 from fabcraft.body.body import Body
-from fabcraft.body.human import PRESETS, human
 from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
@@ -25,6 +23,7 @@ from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
 from fabcraft.solid.orient import onto_bed
 from fabcraft.template.template import Template
+from fabcraft.wearer import find_body, require_wearable
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,25 +50,6 @@ class Made:
     """The fit was stopped early; the best so far was used."""
 
 
-def find_body(name: str, units: str = "") -> Body:
-    """The body called `name`, or the head scan in that file.
-
-    Raises `InputError` when there is neither.
-    """
-    path = Path(name)
-    if name in PRESETS:
-        return human(name)
-    if path.suffix or path.exists():
-        from fabcraft.body.scan import scan
-
-        return scan(path, units or None)
-    close = get_close_matches(name, PRESETS, n=1)
-    raise InputError(
-        f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Choose one of: {', '.join(PRESETS)}; or give the path of a head scan.",
-    )
-
-
 def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     """Run the recipe, without writing anything.
 
@@ -91,7 +71,8 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
             read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
         )
     with clock.stage("body"):
-        body = find_body(recipe.body, recipe.body_units)
+        body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
+        require_wearable(body, recipe.template)
     road = shape_sheet if recipe.template == "mask" else shape_motif
     shaped = road(recipe, inputs, body, profile, clock)
     with clock.stage("check"):

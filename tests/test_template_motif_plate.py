@@ -10,7 +10,12 @@ from fabcraft.template.motif_plate import SIZE, THICKNESS, plate
 from fabcraft.template.template import MotifFrame, Template
 
 FRAME = MotifFrame(
-    "bezel", np.array([0.0, -10.6, 0.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), (14.0, 10.0), 4.0
+    "bezel",
+    np.array([0.0, -10.6, 0.0]),
+    np.array([1.0, 0.0, 0.0]),
+    np.array([0.0, 0.0, 1.0]),
+    (14.0, 10.0),
+    4.0,
 )
 
 
@@ -29,7 +34,7 @@ def test_the_plate_has_the_frames_proportions_at_the_size_of_a_mask():
 
 
 def test_the_plate_lies_on_the_ring_and_goes_on_beyond_it():
-    sheet, space = plate(ring(), FRAME)
+    sheet, _ = plate(ring(), FRAME)
     height = sheet.front.base_at(np.array([[0.0, 0.0], [0.0, 0.48 * SIZE]]))
     assert 0.5 * THICKNESS <= height[0] <= 1.2 * THICKNESS
     assert abs(height[1] - height[0]) < 6.0  # beyond the ring's rim it neither drops nor flies off

@@ -16,12 +16,13 @@ from fabcraft.road.shaped import Clock, Given, Shaped
 from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
 from fabcraft.solid.manifolds import to_manifold, to_mesh
 from fabcraft.solid.mount import mount
-from fabcraft.template.kinds import KINDS
+from fabcraft.template.kinds import kind_of
 from fabcraft.template.motif_plate import plate
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import MotifFrame, Template
 
 GUIDED = "A guidance mesh can shape a mask so far; give a drawing (--sketch) for the others."
+AS_OBJECT = "Only a mask can be drawn as a whole so far; the others take a motif (--as motif)."
 
 
 def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
@@ -32,9 +33,11 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     """
     if given.picture is None:
         raise InputError(f"a guidance mesh was given for a {recipe.template}", GUIDED)
+    if recipe.reading == "object":
+        raise InputError(f"a drawing of the whole {recipe.template} was given", AS_OBJECT)
     with clock.stage("template"):
-        kind = KINDS[recipe.template]
-        template = kind.build(body, kind.settled(recipe.settings))
+        kind = kind_of(recipe.template)
+        template = kind.build(body, kind.settled(recipe.parameters))
         frame = _frame(template, recipe.frame)
         distance = SurfaceDistance(template.body.mesh)
         sheet, space = plate(template, frame, recipe.motif_mm or None)
@@ -48,7 +51,14 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     with clock.stage("solid"):
         least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
         solid, alone = mount(
-            design.mesh, sheet, relief, space, template.mesh, distance, least_mm, max(template.listed_mm[0], 0.0)
+            design.mesh,
+            sheet,
+            relief,
+            space,
+            template.mesh,
+            distance,
+            least_mm,
+            max(template.listed_mm[0], 0.0),
         )
         object_ = _paired(solid.mesh) if template.pair else solid.mesh
     width, height = (placed.outline.max(0) - placed.outline.min(0)) / space.scale

@@ -1,7 +1,7 @@
 """What the roads from an input to an object have in common: the clock they run by, and what they hand to the check."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -69,6 +69,6 @@ class Shaped:
     """Of the input."""
     solid_notes: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    metrics: dict[str, Value] = field(default_factory=dict)
+    metrics: Mapping[str, Value] = field(default_factory=dict)
     interrupted: bool = False
     """The fit was stopped early by the user; the best so far was used."""

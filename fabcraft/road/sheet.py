@@ -20,13 +20,12 @@ from fabcraft.road.shaped import CELLS_MM, Clock, Given, Note, Shaped, Tell
 from fabcraft.solid.shell import shell
 from fabcraft.solid.slots import strap_slots
 from fabcraft.solid.thicken import SolidSettings
-from fabcraft.template.mask import mask
+from fabcraft.template.mask import mask, natural_wall_mm
 from fabcraft.template.template import Template
 
 if TYPE_CHECKING:
     from fabcraft.fit.optimize import Design
 
-DEFAULT_WALL_MM = 2.4
 NO_SLOTS = "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."
 
 
@@ -37,7 +36,7 @@ def shape_sheet(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     closed manifold comes out.
     """
     with clock.stage("template"):
-        template = mask(body, recipe.wall_mm or max(DEFAULT_WALL_MM, profile.wall_mm))
+        template = mask(body, recipe.wall_mm or max(natural_wall_mm(body), profile.wall_mm))
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         drawing, relief, route, notes = _guidance(recipe, given, template)
@@ -111,7 +110,12 @@ def _guidance(
     """(drawing, relief, route, notes)."""
     if given.goal is not None:
         relief, said = target_relief(given.goal, template, recipe.placement)
-        return None, relief, (f"guidance mesh {Path(recipe.guidance).name}",), [(False, text) for text in said]
+        return (
+            None,
+            relief,
+            (f"guidance mesh {Path(recipe.guidance).name}",),
+            [(False, text) for text in said],
+        )
     assert given.picture is not None
     drawing = understand(given.picture)
     placed = place(drawing, template, recipe.placement)

@@ -11,7 +11,7 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
-from fabcraft.solid.manifolds import to_manifold, to_mesh
+from fabcraft.solid.manifolds import to_manifold
 from fabcraft.solid.sheet import SheetSide
 from fabcraft.solid.simplify import simplify_manifold
 from fabcraft.solid.thicken import SolidResult, SolidSettings, solidify

@@ -25,7 +25,9 @@ _DEEP = 30.0
 """What lies farther behind the frame is another part of the object (a necklace behind its pendant)."""
 
 
-def plate(template: Template, frame: MotifFrame, size_mm: float | None = None) -> tuple[Template, PictureSpace]:
+def plate(
+    template: Template, frame: MotifFrame, size_mm: float | None = None
+) -> tuple[Template, PictureSpace]:
     """The sheet for a motif in `frame`, and the space it lives in.
 
     size_mm : longer side of the motif; the frame's own when None. Raises `InputError` for one that has no room there.
@@ -43,7 +45,9 @@ def plate(template: Template, frame: MotifFrame, size_mm: float | None = None) -
     front = _front(carrier, half)
     flat = triangulate([_outline(half)], EDGE)
     sheet = Mesh(
-        np.column_stack([flat.points[:, 0], -front.base_at(flat.points), flat.points[:, 1]]), flat.faces, "plate"
+        np.column_stack([flat.points[:, 0], -front.base_at(flat.points), flat.points[:, 1]]),
+        flat.faces,
+        "plate",
     )
     behind = Body(f"{template.name} {frame.name}", carrier, {}, {}, template.body.kind)
     rims = tuple(loop.astype(np.int32) for loop in flat.loops)
@@ -68,7 +72,11 @@ def _front(carrier: Mesh, half: np.ndarray) -> FrontSurface:
     reach = 2.0 * half.max()
     plane = Plane(-reach, reach, 2.0, int(reach), int(reach))
     skin = front_heights(carrier, plane)
-    near = np.isfinite(skin) & (skin > skin[np.isfinite(skin)].max() - _DEEP) if np.isfinite(skin).any() else None
+    near = (
+        np.isfinite(skin) & (skin > skin[np.isfinite(skin)].max() - _DEEP)
+        if np.isfinite(skin).any()
+        else None
+    )
     if near is None or not near.any():
         raise InputError("there is nothing of the template behind this motif frame", "Choose another frame.")
     x, z = plane.centres()
