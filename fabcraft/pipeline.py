@@ -3,6 +3,7 @@
 files, drawing → guidance → fit → solid → check → write. Every stage can also be called alone; see the README.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe
+from fabcraft.road.guided import shape_guided
 from fabcraft.road.motif import shape_motif
 from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
@@ -56,13 +58,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     Ctrl-C during the fit keeps the best so far and goes on; see `Made.interrupted`.
     Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
     """
-    if bool(recipe.sketch) == bool(recipe.guidance):
-        given = (
-            "both a sketch and a guidance mesh" if recipe.sketch else "neither a sketch nor a guidance mesh"
-        )
-        raise InputError(
-            f"{given} was given; one of them was expected", "Give --sketch FILE or --guidance MESH."
-        )
+    _require_one_input(recipe)
     clock = Clock({}, tell)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
@@ -73,8 +69,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     with clock.stage("body"):
         body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
         require_wearable(body, recipe.template)
-    road = shape_sheet if recipe.template == "mask" else shape_motif
-    shaped = road(recipe, inputs, body, profile, clock)
+    shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         placed = onto_bed(replace(shaped.object, name=recipe.title or shaped.template.name), profile)
         inspection = inspect_mesh(placed.mesh, profile, worn=shaped.worn)
@@ -112,3 +107,21 @@ def _said(shaped: Shaped, body: Body) -> list[Finding]:
     ]
     told += [Finding(check="body", severity="note", advice=text) for text in body.notes]
     return told + [Finding(check="solid", severity="note", advice=text + ".") for text in shaped.solid_notes]
+
+
+def _road(recipe: Recipe) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
+    """From the input to the object: by the drawing, by the motif, or by views from all sides."""
+    if recipe.text or (recipe.guidance and recipe.template != "mask"):
+        return shape_guided
+    return shape_sheet if recipe.template == "mask" else shape_motif
+
+
+def _require_one_input(recipe: Recipe) -> None:
+    """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
+    given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
+    if len(given) != 1:
+        what = " and ".join(given) if given else "neither a sketch, a guidance mesh nor a text"
+        raise InputError(
+            f"{what} was given; one of them was expected",
+            "Give --sketch FILE, --guidance MESH or --text WORDS.",
+        )

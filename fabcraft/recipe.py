@@ -40,6 +40,10 @@ class Recipe:
     """Picture of a line drawing: PNG, JPEG or WebP."""
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    text: str = ""
+    """What it should look like in words, instead of a sketch; read by a picture-and-text encoder (`fabcraft weights`)."""
+    encoder: str = ""
+    """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
     body: str = "man"
     """Who wears it: man, woman, child, a character (see `fabcraft bodies`), or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
     height_mm: float = 0.0

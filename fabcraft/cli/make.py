@@ -27,6 +27,10 @@ class Flags:
     """Picture of a line drawing: PNG, JPEG or WebP."""
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    text: str | None = None
+    """What it should look like in words, instead of a sketch; needs the weights of an encoder (fabcraft weights)."""
+    encoder: str | None = None
+    """The encoder of --text: a name from fabcraft weights, or a checkpoint with its config beside it."""
     set: Annotated[tuple[str, ...], Parameter(show_default=False, negative=())] = ()
     """A parameter of the template as name=value, again for more: width=6, size="US 7" (see fabcraft templates show)."""
     reading: Annotated[Literal["object", "motif"] | None, Parameter(name="--as")] = None
@@ -155,8 +159,10 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
     from fabcraft.recipe import Recipe, read_recipe
 
     recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
-    if ("sketch" in given) != ("guidance" in given):  # the one given takes the place of the file's other one
-        given = {"sketch": "", "guidance": "", **given}
+    if (
+        sum(name in given for name in ("sketch", "guidance", "text")) == 1
+    ):  # it takes the place of the file's own
+        given = {"sketch": "", "guidance": "", "text": "", **given}
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(_setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {}

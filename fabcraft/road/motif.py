@@ -21,7 +21,6 @@ from fabcraft.template.motif_plate import plate
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import MotifFrame, Template
 
-GUIDED = "A guidance mesh can shape a mask so far; give a drawing (--sketch) for the others."
 AS_OBJECT = "Only a mask can be drawn as a whole so far; the others take a motif (--as motif)."
 
 
@@ -31,8 +30,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     Ctrl-C during the fit keeps the best so far.  Raises `InputError` for what cannot be placed, `SolidError` when no
     closed manifold comes out.
     """
-    if given.picture is None:
-        raise InputError(f"a guidance mesh was given for a {recipe.template}", GUIDED)
+    assert given.picture is not None
     if recipe.reading == "object":
         raise InputError(f"a drawing of the whole {recipe.template} was given", AS_OBJECT)
     with clock.stage("template"):
