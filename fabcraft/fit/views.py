@@ -20,7 +20,7 @@ from fabcraft.fit.camera import Camera, bank, orbit, stack
 from fabcraft.fit.descend import State
 from fabcraft.fit.presets import DeformSettings
 from fabcraft.fit.render import render
-from fabcraft.fit.silhouette import Topology
+from fabcraft.fit.topology import Topology
 from fabcraft.geometry.frame import Frame
 from fabcraft.guidance.guidance import Guidance, Views
 from fabcraft.mesh import Mesh
