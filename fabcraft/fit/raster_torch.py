@@ -7,6 +7,7 @@ threads can change.
 """
 
 from collections.abc import Iterator
+from typing import TypeVar
 
 import torch
 from jaxtyping import Bool, Float64, Int, Int32
@@ -14,9 +15,9 @@ from torch import Tensor
 
 MOST = 1 << 20
 """Pairs of a face, or an edge, and a row or a pixel that are held in memory at a time."""
-_MARGIN_PX = (
-    0.01  # how far rounding may move the end of a row's span; the pixels within it are tested exactly
-)
+_Bound = TypeVar("_Bound", Tensor, int)
+_MARGIN_PX = 0.01
+"""How far rounding may move the end of a row's span; the pixels within it are tested exactly."""
 
 
 def zbuffer(
@@ -49,7 +50,7 @@ def zbuffer(
 
 
 def pixel_range(
-    low: Float64[Tensor, "..."], high: Float64[Tensor, "..."], start: Tensor | int, end: Tensor | int
+    low: Float64[Tensor, "..."], high: Float64[Tensor, "..."], start: _Bound, end: _Bound
 ) -> tuple[Int[Tensor, "..."], Int[Tensor, "..."]]:
     """First and end index in [start, end), start >= 0, of the pixels whose centre lies in [low, high]."""
     first = (low - 0.5).clamp(start, end).ceil().long()
