@@ -74,7 +74,8 @@ def together(cameras):
 def drawn(vertices, faces, cameras: Cameras, outputs=OUTPUTS, **named):
     towards = np.array(LIGHT) / np.linalg.norm(LIGHT) @ cameras.views[:, :3, :3]
     look = Look(torch.from_numpy(towards).to(vertices.device), 0.25, cameras.orthographic, tuple(outputs))
-    return draw(vertices, Topology.of(faces), cameras, look, **named)
+    topology = faces if isinstance(faces, Topology) else Topology.of(faces)
+    return draw(vertices, topology, cameras, look, **named)
 
 
 def weights(picture, seed=0):

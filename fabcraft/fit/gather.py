@@ -41,6 +41,8 @@ class Places:
 
     def added(self, rows: Float[Tensor, "N C"]) -> Float[Tensor, "M C"]:
         """The sum of the rows of every place; 0 where there are none."""
+        if len(rows) == 0:
+            return rows.new_zeros(len(self.offsets[-1]) - 1, rows.shape[1])
         sums = rows if self.order is None else rows[self.order]
         for offsets in self.offsets:
             sums = torch.segment_reduce(sums, "sum", offsets=offsets, axis=0, unsafe=True)

@@ -1,15 +1,11 @@
 """Where tensors live: on the CPU or on a graphics card."""
 
-from typing import Literal
-
 import torch
 
 from fabcraft.errors import InputError, MissingError
 
-Device = Literal["cpu", "cuda", "auto"]
 
-
-def device_of(asked: Device) -> torch.device:
+def device_of(asked: str) -> torch.device:
     """The device that is asked for; `auto` is a CUDA device where there is one.
 
     Raises `MissingError` when a CUDA device is asked for and there is none, `InputError` for any other word.
