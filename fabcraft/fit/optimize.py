@@ -45,7 +45,7 @@ class FitSettings:
     seed: int = 0
     """Of everything random; the mask's fit draws nothing at random, so its result does not depend on it."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"
-    """Where to compute; one small picture a step gains little from a CUDA graphics card."""
+    """Where to compute; auto is a CUDA graphics card where there is one."""
     flat: FlatWeights = field(default_factory=FlatWeights)
     lifted: LiftWeights = field(default_factory=LiftWeights)
 

@@ -12,8 +12,10 @@ from measure import Row, compared, take_turns
 from peers import torch_render
 from scenes import around, torus_of
 from test_render_speed import OUTPUTS, derivative
+from test_step_speed import sheet_of, worn_mask
 
 from fabcraft.body.human import human
+from fabcraft.fit import lift
 from fabcraft.fit.body_terms import contacts_between
 from fabcraft.fit.deform import deform
 from fabcraft.fit.presets import PRESETS, for_text
@@ -114,14 +116,14 @@ def ring(faces):
     return Mesh(points * 0.9 + middle, triangles, "ring"), SurfaceDistance(body)
 
 
-def step_ms(rest, settings, **named):
-    """Median time of a step of `deform`, without its settling."""
+def step_ms(run):
+    """Median time of a step of what `run(watch)` does."""
     stamps = []
 
     def watch(step, values, mesh):
         stamps.append(perf_counter())
 
-    deform(rest, settings=settings, watch=watch, **named)
+    run(watch)
     return 1e3 * float(np.median(np.diff(stamps)[2:]))
 
 
@@ -142,9 +144,29 @@ def test_a_deformation_step_on_a_card(rows, faces):
         )
         guidance = [PictureGuidance(shown)]
         named = {"body": body, "contacts": contacts, "guidance": guidance}
-        ms[device] = step_ms(rest, replace(settings, device=device), **named)
+        chosen = replace(settings, device=device)
+        ms[device] = step_ms(
+            lambda watch, chosen=chosen, named=named: deform(rest, settings=chosen, watch=watch, **named)
+        )
     note = f"{card}; pictures, body, contacts and shape"
     rows.append(Row(name, ms["cpu"] / ms["cuda"], "", PEER, ms["cuda"], ms["cpu"], note))
+
+
+def test_a_step_of_the_lifted_fit_on_a_card(rows):
+    name = "step of the lifted mask fit on a graphics card, one view of 224 px, 10000 faces"
+    card = on_a_card(rows, name)
+    template, body, relief = worn_mask()
+    sheet, loops = sheet_of(template, 10000)
+    targets = lift.LiftTargets(relief, body, template)
+    ms = {
+        device: step_ms(
+            lambda watch, device=device: lift.fit_lifted(
+                sheet, loops, targets, 2 * STEPS, 224, None, watch, device
+            )
+        )
+        for device in ("cuda", "cpu")
+    }
+    rows.append(Row(name, ms["cpu"] / ms["cuda"], "", PEER, ms["cuda"], ms["cpu"], card))
 
 
 def test_a_step_with_words_on_a_card(rows):
@@ -156,7 +178,8 @@ def test_a_step_with_words_on_a_card(rows):
     )
     encoder = full_size("cuda")
     guidance = [TextGuidance(encoder, "a crown", "a ring", consistency=False)]
-    ms = step_ms(rest, replace(for_text(settings), steps=STEPS, device="cuda"), body=body, guidance=guidance)
+    chosen = replace(for_text(settings), steps=STEPS, device="cuda")
+    ms = step_ms(lambda watch: deform(rest, body=body, guidance=guidance, settings=chosen, watch=watch))
     pixels = torch.rand(8, 3, 224, 224, device="cuda", requires_grad=True)
 
     def alone():
