@@ -15,6 +15,7 @@ import numpy as np
 
 from fabcraft.body.body import Body
 from fabcraft.body.character import CHARACTERS, character
+from fabcraft.body.contacts import read_contacts, with_contacts
 from fabcraft.body.human import PRESETS, human
 from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
@@ -25,7 +26,7 @@ from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import Relief, inflate
 from fabcraft.guidance.placement import place
 from fabcraft.guidance.target import target_relief
-from fabcraft.judge import likeness, seat_findings, worn
+from fabcraft.judge import contact_findings, likeness, seat_findings, worn
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
@@ -141,11 +142,13 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     clock = _Clock({}, tell)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
+        contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
         picture = read_image(recipe.sketch) if recipe.sketch else None
         goal = read_mesh(Path(recipe.guidance)) if recipe.guidance else None
     with clock.stage("body"):
         body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
         require_wearable(body, recipe.template)
+        body = with_contacts(body, contacts)
         template = mask(body, recipe.wall_mm or max(natural_wall_mm(body), profile.wall_mm))
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
@@ -153,7 +156,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     with clock.stage("fit"):
         design = _fit(recipe, template, relief, distance, tell)
     with clock.stage("solid"):
-        settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template.wall_mm))
+        settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template))
         slots = strap_slots(template, relief) if recipe.strap_slots else ()
         if recipe.strap_slots and not slots:
             notes.append((True, NO_SLOTS))
@@ -169,6 +172,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         findings=(
             *found.findings,
             *seat_findings(template, relief),
+            *contact_findings(solid.mesh, template, relief),
             *_said(notes, body, solid),
             *_stopped(design),
         ),
@@ -223,8 +227,9 @@ def _how(design: "Design") -> tuple[str, str]:
     )
 
 
-def _cell(preset: str, wall_mm: float) -> float:
-    return min(CELLS_MM[preset], 0.5 * wall_mm)
+def _cell(preset: str, template: Template) -> float:
+    """Cell of the grid that the wall is made on; on a character it goes with the size of its head."""
+    return min(CELLS_MM[preset] * max(template.scale, 0.5), 0.5 * template.wall_mm)
 
 
 def _guidance(

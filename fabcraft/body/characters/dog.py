@@ -1,7 +1,7 @@
 """The dog: on four legs, with hanging ears and its tail up."""
 
 from fabcraft.body.characters.model import Arm, Ear, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
+from fabcraft.body.characters.shapes import Number, Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
 
 _EAR = joined(
     4,
@@ -17,7 +17,7 @@ def _head() -> Shape:
     return joined(5, joined(8, skull, muzzle), both_sides(_EAR))
 
 
-def _paw(x: float, y: float) -> Shape:
+def _paw(x: Number, y: Number) -> Shape:
     """A paw under (x, y): a foot with three toes."""
     toes = [ball((x + dx, y - 11 + dy, 9), 7.5) for dx, dy in ((-9, 0), (0, -4), (9, 0))]
     return joined(3, ellipsoid((x, y, 12), (16, 18, 14)), *toes)
@@ -47,7 +47,7 @@ DOG = Model(
     name="dog",
     title="dog, on four legs",
     height_mm=180,
-    shape=_shape(),
+    shape=_shape,
     bounds=((-80, -125, 0), (80, 120, 185)),
     cell_mm=2.5,
     head=Head(
