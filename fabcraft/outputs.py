@@ -67,7 +67,7 @@ def require_outputs(recipe: Recipe, source: str = "") -> None:
     """
     for output in recipe.output:
         checked_extension(output)
-    inputs = (recipe.sketch, recipe.guidance, recipe.body, recipe.printer, source)
+    inputs = (recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source)
     require_places([*recipe.output, *side_files(recipe).values()], inputs)
 
 

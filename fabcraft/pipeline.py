@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fabcraft.body.body import Body
+from fabcraft.body.contacts import read_contacts, with_contacts
 from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
@@ -62,6 +63,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     clock = Clock({}, tell)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
+        contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
         inputs = Given(
             read_image(recipe.sketch) if recipe.sketch else None,
             read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
@@ -69,6 +71,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     with clock.stage("body"):
         body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
         require_wearable(body, recipe.template)
+        body = with_contacts(body, contacts)
     shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         placed = onto_bed(replace(shaped.object, name=recipe.title or shaped.template.name), profile)

@@ -48,6 +48,8 @@ class Recipe:
     """Who wears it: man, woman, child, a character (see `fabcraft bodies`), or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
     height_mm: float = 0.0
     """Height of a character; 0 is its own."""
+    contacts: str = ""
+    """File of contacts, where it shall rest or keep away besides the template's own: .toml or .json."""
     body_units: Literal["", "mm", "cm", "m", "in"] = ""
     """Unit of a scan; proposed from its size when left out."""
     printer: str = "prusa-mk4"
@@ -118,7 +120,7 @@ def read_recipe(path: Path | str) -> Recipe:
     recipe = recipe_of(table, str(path))
     beside: dict[str, Any] = {
         name: str(path.parent / getattr(recipe, name))
-        for name in ("sketch", "guidance", "body", "printer")
+        for name in ("sketch", "guidance", "body", "contacts", "printer")
         if getattr(recipe, name) and (path.parent / getattr(recipe, name)).is_file()
     }
     return replace(recipe, **beside)
@@ -189,7 +191,7 @@ def recipe_toml(recipe: Recipe) -> str:
                 inner = [f"{text(str(key))} = {text(one)}" for key, one in value.items()]
                 tables += ["", f"[{entry.name}]", *inner]
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
-            if entry.name in ("sketch", "guidance", "body", "printer"):
+            if entry.name in ("sketch", "guidance", "body", "contacts", "printer"):
                 value = Path(value).name  # a recipe that travels must not tell where a user keeps their files
             if entry.name == "output":
                 value = tuple(Path(one).name for one in value)

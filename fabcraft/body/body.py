@@ -51,6 +51,8 @@ class Body:
     """Where the parts of a body that is no person are cut off; those of people follow from their joints."""
     scale: float = 1.0
     """Of a part of a body that is no person: its size over a median man's."""
+    asked: tuple[str, ...] = ()
+    """Regions that the wearer's own contact file names."""
     unwearable: Mapping[str, str] = field(default_factory=dict)
     """Templates that do not go on this body, each with the reason in words."""
 

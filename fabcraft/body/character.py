@@ -51,8 +51,9 @@ def character(name: str, height_mm: float = 0.0) -> Body:
             f"a height of {height:g} mm was asked for the {name}",
             f"Choose between {HEIGHT_MM[0]:g} and {HEIGHT_MM[1]:g} mm; its own is {model.height_mm:g}.",
         )
-    mesh = symmetric_mesh(model.shape, np.array(model.bounds, dtype=np.float64), model.cell_mm)
-    marks, bones = landmarks(model, mesh), joints(model)
+    shape = model.shape()
+    mesh = symmetric_mesh(shape, np.array(model.bounds, dtype=np.float64), model.cell_mm)
+    marks, bones = landmarks(model, shape, mesh), joints(model)
     scales = _scales(model, marks)
     patches = regions(model, mesh, marks, bones, scales)
     factor = height / float(mesh.size_mm[2])

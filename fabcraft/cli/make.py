@@ -43,6 +43,8 @@ class Flags:
     """Who wears it: man, woman, child, a character (fabcraft bodies), or the file of a head scan. [default: man]"""
     height: float | None = None
     """Height of a character in mm. [default: its own, a desk toy's]"""
+    contacts: str | None = None
+    """File of contacts, where it shall rest or keep away besides the template's own: .toml or .json."""
     body_units: Units | None = None
     """Unit of the scan; proposed from its size when left out."""
     printer: str | None = None

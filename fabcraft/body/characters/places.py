@@ -28,10 +28,10 @@ _EAR_ROOT = {
 """From the top of the ear's root, in shares of the head's height: a median man's."""
 
 
-def landmarks(model: Model, mesh: Mesh) -> Points:
+def landmarks(model: Model, shape: Shape, mesh: Mesh) -> Points:
     """Every landmark, mm, of the character as it is modelled; the eyes are centres, the others on `mesh`."""
     head = model.head
-    middle, left = _met(model.shape, _rays_of_head(model)), _met(model.shape, _rays_of_side(model))
+    middle, left = _met(shape, _rays_of_head(model)), _met(shape, _rays_of_side(model))
     middle |= {"menton": head.chin, "jugular_notch": model.neck.notch, "cervicale": model.neck.nape}
     left |= {"zygion": head.cheek, "collarbone": model.neck.collarbone}
     left |= _of_ears(model, middle["vertex"][2] - head.chin[2]) | _of_foot(model, mesh)
