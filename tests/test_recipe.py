@@ -59,7 +59,7 @@ def test_one_output_may_stand_without_a_list() -> None:
         ("[placement]\nupp_mm = 3", ["placement.upp_mm", "placement.up_mm"]),
         ("sketch = 3", ["sketch", "str", "int"]),
         ('preset = "drfat"', ["preset", "drfat", "'draft'", "'standard'"]),
-        ('template = "helmet"', ["template", "'mask'"]),
+        ('template = "helmt"', ["template", "helmt", "helmet"]),
         ("wall_mm = 90.0", ["90", "between 1.6 and 5"]),
         ("[placement]\nup_mm = nan", ["up_mm", "nan"]),
         ("[inflate]\nswell = inf", ["swell", "inf"]),
