@@ -61,6 +61,8 @@ class Recipe:
     """How patiently to fit and how finely to build."""
     seed: int = 0
     """Of everything random."""
+    device: Literal["", "cpu", "cuda", "auto"] = ""
+    """Where the fit is computed; left out: on a graphics card, if there is one, where that is faster."""
     wall_mm: float = 0.0
     """Wall thickness; 0 is the template's own, or the printer's if that is more."""
     strap_slots: bool = True

@@ -58,6 +58,8 @@ class Flags:
     """How patiently to fit and how finely to build. [default: standard]"""
     seed: int | None = None
     """Of everything random. [default: 0]"""
+    device: Literal["cpu", "cuda", "auto"] | None = None
+    """Where the fit is computed. [default: on a graphics card, if there is one, where that is faster]"""
     wall: float | None = None
     """Wall thickness in mm. [default: the template's, or the printer's if that is more]"""
     title: str | None = None

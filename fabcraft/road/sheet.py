@@ -80,6 +80,8 @@ def fitted(
     from fabcraft.fit.optimize import fit
 
     settings = replace(FIT_PRESETS[recipe.preset], seed=recipe.seed)
+    if recipe.device:
+        settings = replace(settings, device=recipe.device)
 
     def watch(stage: str, step: int, steps: int, sheet: Mesh) -> None:
         if tell is not None:
