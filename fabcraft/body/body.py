@@ -26,6 +26,8 @@ _SLACK_MM = 40.0
 """Skin kept beyond a cut while a part is cropped, so that the rim of the crop is never in the part."""
 _CLEAR_MM = 15.0
 """Landmarks nearer to a cut are left out: they belong to what was cut off."""
+LEAST_CLEARANCE_MM = 0.4
+"""Of an object to a character."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,12 @@ class Body:
     """What was assumed or repaired, in sentences for the user."""
     smoothing: int = 0
     """How many times `part` subdivides the skin."""
+    cuts: Mapping[str, Cut] = field(default_factory=dict)
+    """Where the parts of a body that is no person are cut off; those of people follow from their joints."""
+    scale: float = 1.0
+    """Of a part of a body that is no person: its size over a median man's."""
+    unwearable: Mapping[str, str] = field(default_factory=dict)
+    """Templates that do not go on this body, each with the reason in words."""
 
     def __post_init__(self) -> None:
         for name in ("landmarks", "joints"):
@@ -52,7 +60,8 @@ class Body:
             for point in points.values():
                 point.setflags(write=False)
             object.__setattr__(self, name, MappingProxyType(points))
-        object.__setattr__(self, "regions", MappingProxyType(dict(self.regions)))
+        for name in ("regions", "cuts", "unwearable"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def part(self, name: str) -> "Body":
         """The part `name` (`parts.PARTS`) as a body of its own, in the same coordinates, closed by flat cuts.
@@ -60,7 +69,15 @@ class Body:
         Landmarks, joints and regions are those that lie on it, clear of the cuts, and refer to its mesh.
         Raises `InputError` for an unknown part, and for a body without the places it is cut by.
         """
-        return _cut_off(self, cut_of(name, self.name, self.joints, self.landmarks), f"{self.name} {name}")
+        cut = self.cuts.get(name) or cut_of(name, self.name, self.joints, self.landmarks)
+        return _cut_off(self, cut, f"{self.name} {name}")
+
+    def clearance_mm(self, person_mm: float) -> float:
+        """What a distance of `person_mm` from a person's skin becomes here.
+
+        A character's scales with its part, but not under 0.4 mm: printed parts that go over each other need that.
+        """
+        return max(person_mm * self.scale, LEAST_CLEARANCE_MM) if self.kind == "character" else person_mm
 
 
 def _cut_off(body: Body, cut: Cut, name: str) -> Body:
@@ -76,7 +93,7 @@ def _cut_off(body: Body, cut: Cut, name: str) -> Body:
         for key, region in body.regions.items()
         if (moved := _moved(region, matrix, old_of_new, index)) is not None
     }
-    inside, clear = _box_within(part, cut.planes), _box_within(part, cut.planes, _CLEAR_MM)
+    inside, clear = _box_within(part, cut.planes), _box_within(part, cut.planes, _CLEAR_MM * cut.scale)
     return replace(
         body,
         name=name,
@@ -85,6 +102,7 @@ def _cut_off(body: Body, cut: Cut, name: str) -> Body:
         joints={key: point for key, point in body.joints.items() if inside(point)},
         regions=regions,
         smoothing=0,
+        scale=cut.scale,
     )
 
 

@@ -41,6 +41,8 @@ class Cut:
     """Subdivisions beyond the body's own, where its skin is coarse."""
     longest_mm: float = np.inf
     """Longer edges are halved after that."""
+    scale: float = 1.0
+    """Size of the part over a median man's, for a body that is no person."""
 
 
 def cut_of(name: str, body: str, joints: Points, landmarks: Points) -> Cut:

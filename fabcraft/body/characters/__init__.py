@@ -1,0 +1,1 @@
+"""The characters: modelled from simple shapes, each in a module of its own."""
