@@ -17,7 +17,6 @@ from fabcraft.geometry.raster import silhouette_mask
 from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.mesh import Mesh
 from fabcraft.solid.shell import PAD_ROOM_MM
-from fabcraft.template.mask import RESTING_MM
 from fabcraft.template.template import Template
 
 PENETRATION_MM = 0.05
@@ -40,7 +39,7 @@ def worn(solid: Mesh, template: Template, relief: Relief, distance: SurfaceDista
         clearance_mm=0.0,
         penetration_limit_mm=PENETRATION_MM,
         contacts=np.concatenate(contacts),
-        gaps_mm=RESTING_MM,
+        gaps_mm=template.resting_mm,
         donning=template.donning,
         eyes=np.stack([head.landmarks[name] for name, _ in EYES]),
     )
@@ -80,7 +79,7 @@ def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> d
     """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
     half = 0.5 * template.wall_mm
     everything = np.vstack([relief.outline, template.outline, solid.vertices[:, [0, 2]]])
-    plane = Plane.around(everything, 0.25, 4.0)
+    plane = Plane.around(everything, 0.25 * template.scale, 4.0 * template.scale)
     wanted = solid_mask(relief.outline, relief.openings, plane)
 
     def overlap(mesh: Mesh, grown_mm: float) -> float:
@@ -100,4 +99,4 @@ def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> d
 def _covered(name: str, template: Template, relief: Relief) -> Bool[np.ndarray, " N"]:
     """Which points of a region of the body lie under the object, far enough from its rims for a pad."""
     points = template.body.mesh.vertices[template.body.regions[name].vertex_indices]
-    return relief.room_at(points[:, [0, 2]]) > PAD_ROOM_MM
+    return relief.room_at(points[:, [0, 2]]) > PAD_ROOM_MM * template.scale

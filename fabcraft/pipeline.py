@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fabcraft.body.body import Body
+from fabcraft.body.character import CHARACTERS, character
 from fabcraft.body.human import PRESETS, human
 from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
@@ -34,7 +35,7 @@ from fabcraft.solid.orient import onto_bed
 from fabcraft.solid.shell import shell
 from fabcraft.solid.slots import strap_slots
 from fabcraft.solid.thicken import SolidResult, SolidSettings
-from fabcraft.template.mask import mask
+from fabcraft.template.mask import mask, natural_wall_mm
 from fabcraft.template.template import Template
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 Tell = Callable[[str, int, int], None]
 """Progress: called with the name of the stage, the step done and the number of steps."""
 
-DEFAULT_WALL_MM = 2.4
 CELLS_MM = {"draft": 0.6, "standard": 0.45}
 NO_SLOTS = "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."
 
@@ -89,23 +89,40 @@ class _Clock:
             self.tell(name, 1, 1)
 
 
-def find_body(name: str, units: str = "") -> Body:
+def find_body(name: str, units: str = "", height_mm: float = 0.0) -> Body:
     """The body called `name`, or the head scan in that file.
 
-    Raises `InputError` when there is neither.
+    height_mm : of a character; 0 is its own.  Raises `InputError` when there is neither, or the height is not for it.
     """
     path = Path(name)
+    if name in CHARACTERS:
+        return character(name, height_mm)
+    if height_mm:
+        raise InputError(
+            f"a height of {height_mm:g} mm was asked for {name}, which is no character",
+            f"Leave out --height, or choose a character: {', '.join(CHARACTERS)}.",
+        )
     if name in PRESETS:
         return human(name)
     if path.suffix or path.exists():
         from fabcraft.body.scan import scan
 
         return scan(path, units or None)
-    close = get_close_matches(name, PRESETS, n=1)
+    known = (*PRESETS, *CHARACTERS)
+    close = get_close_matches(name, known, n=1)
     raise InputError(
         f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Choose one of: {', '.join(PRESETS)}; or give the path of a head scan.",
+        f"Choose one of: {', '.join(known)}; or give the path of a head scan.",
     )
+
+
+def require_wearable(body: Body, template: str) -> None:
+    """Raise `InputError` when `template` does not go on `body`, with the reason."""
+    if template in body.unwearable:
+        raise InputError(
+            f"the {body.name} cannot wear a {template}: {body.unwearable[template]}",
+            "Choose another template or another body (fabcraft bodies).",
+        )
 
 
 def make(recipe: Recipe, tell: Tell | None = None) -> Made:
@@ -127,8 +144,9 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         picture = read_image(recipe.sketch) if recipe.sketch else None
         goal = read_mesh(Path(recipe.guidance)) if recipe.guidance else None
     with clock.stage("body"):
-        body = find_body(recipe.body, recipe.body_units)
-        template = mask(body, recipe.wall_mm or max(DEFAULT_WALL_MM, profile.wall_mm))
+        body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
+        require_wearable(body, recipe.template)
+        template = mask(body, recipe.wall_mm or max(natural_wall_mm(body), profile.wall_mm))
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         drawing, relief, route, notes = _guidance(recipe, picture, goal, template)

@@ -32,7 +32,9 @@ class Recipe:
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     body: str = "man"
-    """Who wears it: man, woman, child, or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
+    """Who wears it: man, woman, child, a character (see `fabcraft bodies`), or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
+    height_mm: float = 0.0
+    """Height of a character; 0 is its own."""
     body_units: Literal["", "mm", "cm", "m", "in"] = ""
     """Unit of a scan; proposed from its size when left out."""
     printer: str = "prusa-mk4"

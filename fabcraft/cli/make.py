@@ -28,7 +28,9 @@ class Flags:
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     body: str | None = None
-    """Who wears it: man, woman, child, or the file of a head scan. [default: man]"""
+    """Who wears it: man, woman, child, a character (fabcraft bodies), or the file of a head scan. [default: man]"""
+    height: float | None = None
+    """Height of a character in mm. [default: its own, a desk toy's]"""
     body_units: Units | None = None
     """Unit of the scan; proposed from its size when left out."""
     printer: str | None = None
@@ -73,6 +75,7 @@ class Flags:
 _NO_FLAGS = Flags()
 _PLACES = {
     "wall": ("", "wall_mm"),
+    "height": ("", "height_mm"),
     "scale": ("placement", "scale"),
     "up": ("placement", "up_mm"),
     "left": ("placement", "left_mm"),

@@ -5,6 +5,9 @@ Volume: like an inflated cushion (Igarashi's Teddy, by a membrane instead of a m
 arch of relative height k across a strip, soft at the rim by ε. Strokes are soft valleys of it, so that what they part
 (cheeks, muzzle, brows) stands out. Detail: strokes and region borders as rounded beads of the printer's detail or more,
 filled regions as low cushions, a bead around the openings and along the rim.
+
+Lengths are a person's.  On a character they go with the size of its head; beads and cushions shrink to half at most, or
+they could not be printed.
 """
 
 from dataclasses import dataclass, field
@@ -24,6 +27,8 @@ from fabcraft.guidance.placement import PlacedDrawing
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
+_LEAST_DETAIL = 0.5
+"""Smallest scale of beads and cushions."""
 _EXACT_MM = 4.5  # beyond the widest bead, the raster's own distance is good enough
 
 
@@ -110,12 +115,12 @@ def inflate(placed: PlacedDrawing, template: Template, settings: InflateSettings
     """The relief of a placed drawing in front of the template's surface."""
     settings = settings or InflateSettings()
     strokes = _visible(placed, template)
-    swell, plane = _swell(placed, strokes, settings)
+    swell, plane = _swell(placed, strokes, settings, template.scale)
     x, z = plane.centres()
     xz = np.column_stack([x.ravel(), z.ravel()])
     base = template.front.base_at(xz).reshape(x.shape)
     # where the object rests the cushion stays low, so that little is needed to fill the gap to the skin
-    rest = gaussian_filter(template.front.contact, 14.0 / template.front.plane.pixel_mm)
+    rest = gaussian_filter(template.front.contact, 14.0 * template.scale / template.front.plane.pixel_mm)
     swell = swell * (1.0 - 0.8 * np.clip(2.0 * template.front.at(rest, xz), 0.0, 1.0).reshape(x.shape))
     height = base + swell + _hollows(placed, template, plane)
     floor = template.front.at(np.where(np.isfinite(template.front.floor), template.front.floor, -1e3), xz)
@@ -125,17 +130,17 @@ def inflate(placed: PlacedDrawing, template: Template, settings: InflateSettings
 
 
 def _visible(placed: PlacedDrawing, template: Template) -> list[np.ndarray]:
-    """Strokes, cut where they run into an opening or off the rim; leftovers under 4 mm are dropped."""
-    plane = Plane.around(placed.outline, 0.5, 5.0)
+    """Strokes, cut where they run into an opening or off the rim; leftovers under 4 mm (of a person's) are dropped."""
+    plane = Plane.around(placed.outline, 0.5 * template.scale, 5.0 * template.scale)
     solid = solid_mask(placed.outline, placed.openings, plane)
-    room = signed_distance_image(solid, 0.5)
+    room = signed_distance_image(solid, plane.pixel_mm)
     pieces = []
     for stroke in placed.strokes:
         keep = plane.sample(room, stroke) > 0.5 * template.wall_mm
         edges = np.flatnonzero(np.diff(np.concatenate([[0], keep.astype(int), [0]])))
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
             piece = stroke[start:stop]
-            if len(piece) > 1 and np.linalg.norm(np.diff(piece, axis=0), axis=1).sum() >= 4.0:
+            if len(piece) > 1 and np.linalg.norm(np.diff(piece, axis=0), axis=1).sum() >= 4.0 * template.scale:
                 pieces.append(piece)
     return pieces
 
@@ -177,23 +182,23 @@ def _distance_to_lines(lines: list[np.ndarray], plane: Plane, closed: bool) -> n
 
 
 def _swell(
-    placed: PlacedDrawing, strokes: list[np.ndarray], settings: InflateSettings
+    placed: PlacedDrawing, strokes: list[np.ndarray], settings: InflateSettings, scale: float
 ) -> tuple[np.ndarray, Plane]:
-    """The cushion, mm, on a 1 mm grid (solved at 2 mm)."""
-    plane = Plane.around(placed.outline, 1.0, 12.0)
+    """The cushion, mm, on a grid of 1 mm (solved at 2 mm) times `scale`."""
+    plane = Plane.around(placed.outline, scale, 12.0 * scale)
     plane = Plane(
-        plane.left_mm, plane.top_mm, 1.0, plane.width + plane.width % 2, plane.height + plane.height % 2
+        plane.left_mm, plane.top_mm, scale, plane.width + plane.width % 2, plane.height + plane.height % 2
     )
-    coarse = Plane(plane.left_mm, plane.top_mm, 2.0, plane.width // 2, plane.height // 2)
+    coarse = Plane(plane.left_mm, plane.top_mm, 2.0 * scale, plane.width // 2, plane.height // 2)
     domain = solid_mask(placed.outline, (), coarse)
-    lines = np.exp(-((_distance_to_lines(strokes, coarse, False) / 2.0) ** 2))
-    sockets = np.exp(-((_distance_to_lines(list(placed.openings), coarse, True) / 4.0) ** 2))
-    borders = np.exp(-((_distance_to_lines(list(placed.regions), coarse, True) / 2.0) ** 2))
-    damping = np.clip(lines + borders, 0, 1) / 14.0**2 + sockets / 12.0**2
+    lines = np.exp(-((_distance_to_lines(strokes, coarse, False) / (2.0 * scale)) ** 2))
+    sockets = np.exp(-((_distance_to_lines(list(placed.openings), coarse, True) / (4.0 * scale)) ** 2))
+    borders = np.exp(-((_distance_to_lines(list(placed.regions), coarse, True) / (2.0 * scale)) ** 2))
+    damping = np.clip(lines + borders, 0, 1) / (14.0 * scale) ** 2 + sockets / (12.0 * scale) ** 2
     u = _membrane(domain, damping, coarse.pixel_mm)
-    soft = 7.0
+    soft, limit = 7.0 * scale, settings.swell_limit_mm * scale
     swell = settings.swell * (np.sqrt(2.0 * u + soft**2) - soft)
-    swell = settings.swell_limit_mm * np.tanh(swell / settings.swell_limit_mm)
+    swell = limit * np.tanh(swell / limit)
     x, z = plane.centres()
     fine = coarse.sample(gaussian_filter(swell, 1.0), np.column_stack([x.ravel(), z.ravel()]), order=3)
     return np.maximum(fine.reshape(x.shape), 0.0), plane
@@ -224,45 +229,49 @@ def _membrane(domain: np.ndarray, damping: np.ndarray, pixel_mm: float) -> np.nd
 
 def _hollows(placed: PlacedDrawing, template: Template, plane: Plane) -> np.ndarray:
     """Regions above the face (inner ears) are shallow hollows of the sheet itself, mm (<= 0)."""
-    hollow = np.zeros((plane.height, plane.width))
+    hollow, scale = np.zeros((plane.height, plane.width)), template.scale
     for region in placed.regions:
         if not _is_ear(region, template):
             continue
         inside = np.zeros((plane.height, plane.width), dtype=np.uint8)
         _fill(inside, plane, region, 1)
         depth = signed_distance_image(inside.astype(bool), plane.pixel_mm)
-        hollow -= 3.0 * np.clip((depth + 1.0) / 8.0, 0.0, 1.0) ** 1.5
+        hollow -= 3.0 * scale * np.clip((depth + scale) / (8.0 * scale), 0.0, 1.0) ** 1.5
     return gaussian_filter(hollow, 1.5)
 
 
 def _is_ear(region: np.ndarray, template: Template) -> bool:
-    return bool(region[:, 1].mean() > template.outline[:, 1].max() - 5.0 and abs(signed_area(region)) > 150.0)
+    high = region[:, 1].mean() > template.outline[:, 1].max() - 5.0 * template.scale
+    return bool(high and abs(signed_area(region)) > 150.0 * template.scale**2)
 
 
 def _detail(
     placed: PlacedDrawing, strokes: list[np.ndarray], template: Template, settings: InflateSettings
 ) -> tuple[np.ndarray, Plane]:
-    """Beads and cushions, mm, on a 0.25 mm grid."""
-    fine = Plane.around(placed.outline, 0.25, 3.0)
-    half = 0.5 * max(settings.stroke_width_mm, min(placed.stroke_width_mm, 3.2))
-    detail = settings.stroke_height_mm * _bead(_distance_to_lines(strokes, fine, False), half)
+    """Beads and cushions, mm, on a grid of 0.25 mm times their scale."""
+    scale = max(template.scale, _LEAST_DETAIL)
+    fine = Plane.around(placed.outline, 0.25 * scale, 3.0 * scale)
+    half = 0.5 * max(settings.stroke_width_mm * scale, min(placed.stroke_width_mm, 3.2 * scale))
+    high = settings.stroke_height_mm * scale
+    detail = high * _bead(_distance_to_lines(strokes, fine, False), half)
     for region in placed.regions:
-        border = settings.stroke_height_mm * _bead(_distance_to_lines([region], fine, True), half)
+        border = high * _bead(_distance_to_lines([region], fine, True), half)
         detail = np.maximum(detail, border)
         if not _is_ear(region, template):
             inside = np.zeros((fine.height, fine.width), dtype=np.uint8)
             _fill(inside, fine, counter_clockwise(region), 1)
             depth = np.maximum(signed_distance_image(inside.astype(bool), fine.pixel_mm), 0.0)
-            reach = min(4.0, max(float(depth.max()), 0.5))
+            reach = min(4.0 * scale, max(float(depth.max()), 0.5 * scale))
             arch = np.sqrt(np.clip(1.0 - (1.0 - np.minimum(depth / reach, 1.0)) ** 2, 0.0, 1.0))
-            detail = np.maximum(detail, settings.region_height_mm * min(1.0, reach / 3.0) * arch)
+            height = settings.region_height_mm * scale * min(1.0, reach / (3.0 * scale))
+            detail = np.maximum(detail, height * arch)
     if settings.rim_height_mm > 0.0:
         # the sheet ends half a wall inside the outline: the bead stands on its last 3 mm
-        centre = 0.5 * template.wall_mm + 1.2
+        centre = 0.5 * template.wall_mm + 1.2 * scale
         for contour in (placed.outline, *placed.openings):
             away = np.abs(_distance_to_lines([contour], fine, True) - centre)
-            detail = np.maximum(detail, settings.rim_height_mm * _bead(away, 1.8))
-    return gaussian_filter(detail, 0.2 / fine.pixel_mm), fine
+            detail = np.maximum(detail, settings.rim_height_mm * scale * _bead(away, 1.8 * scale))
+    return gaussian_filter(detail, 0.2 * scale / fine.pixel_mm), fine
 
 
 def _bead(distance: np.ndarray, half_width: float) -> np.ndarray:

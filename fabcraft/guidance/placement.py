@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise
 from fabcraft.guidance.drawing import Drawing
+from fabcraft.template.mask import ROOM_WALLS, room_around
 from fabcraft.template.template import Template
 
 
@@ -140,8 +141,8 @@ def _by_outline(drawing: Drawing, template: Template) -> tuple[np.ndarray, np.nd
 
 
 def _wide_enough(eye: np.ndarray, template: Template, notes: list[str]) -> np.ndarray:
-    """A drawn eye made large enough to look through: at least 0.7 of the template's opening each way."""
-    least = 0.7 * np.ptp(template.openings[0], axis=0)
+    """A drawn eye made large enough to look through: at least `opening_share` of the template's opening each way."""
+    least = template.opening_share * np.ptp(template.openings[0], axis=0)
     factor = np.maximum(least / np.ptp(eye, axis=0), 1.0)
     if factor.max() > 1.02 and not notes:
         notes.append(f"The eyes were enlarged up to {factor.max():.1f} times, to be looked through.")
@@ -151,12 +152,12 @@ def _wide_enough(eye: np.ndarray, template: Template, notes: list[str]) -> np.nd
 
 def _with_room(placed: PlacedDrawing, template: Template, settings: PlacementSettings) -> PlacedDrawing:
     """The drawing shifted (if it has no eyes of its own) until the openings have a margin inside the outline."""
-    margin = 2.5 * template.wall_mm
+    margin = ROOM_WALLS * template.wall_mm
     settled = placed.by_eyes or settings.up_mm or settings.left_mm
-    shifts = [0.0] if settled else sorted(np.arange(-45.0, 46.0, 1.5), key=abs)
+    shifts = [0.0] if settled else sorted(template.scale * np.arange(-45.0, 46.0, 1.5), key=abs)
     for shift in shifts:
         outline = placed.outline + [0.0, shift]
-        if _room(outline, placed.openings) >= margin:
+        if room_around(outline, placed.openings) >= margin:
             if shift == 0.0:
                 return placed
             return replace(
@@ -167,14 +168,8 @@ def _with_room(placed: PlacedDrawing, template: Template, settings: PlacementSet
                 notes=(*placed.notes, f"It was moved {shift:+.0f} mm up to leave room for the eyes."),
             )
     raise InputError(
-        f"the eye openings come within {_room(placed.outline, placed.openings):.1f} mm of the outline; "
+        f"the eye openings come within {room_around(placed.outline, placed.openings):.1f} mm of the outline; "
         f"at least {margin:.1f} mm of material are needed around them",
         "Move the eyes further from the outline, or try --scale, --up or --left.",
     )
 
-
-def _room(outline: np.ndarray, openings: tuple[np.ndarray, ...]) -> float:
-    """Least distance from the openings to the outline, mm, negative when one sticks out."""
-    points = np.concatenate(openings)
-    polygon = outline.astype(np.float32).reshape(-1, 1, 2)
-    return min(cv2.pointPolygonTest(polygon, (float(x), float(z)), True) for x, z in points)

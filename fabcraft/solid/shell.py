@@ -19,7 +19,7 @@ from fabcraft.solid.thicken import SolidResult, SolidSettings, solidify
 from fabcraft.template.template import Template
 
 PAD_SKIRT_MM = 9.0
-"""A pad runs out into the wall over about this width."""
+"""A pad runs out into the wall over about this width.  These lengths are a person's, and scale with the template."""
 PAD_LIMIT_MM = 13.0
 """A gap deeper than this is left open; from 3 mm less the pad thins out."""
 
@@ -55,7 +55,8 @@ def shell(
         if near.any():
             gap = body.signed(points[near]) - 0.5 * template.wall_mm
             # a little more than the gap: the clearance cuts the rest away, in the shape of the skin
-            height[near] = share[near] * smoothstep((PAD_LIMIT_MM - gap) / 3.0) * np.maximum(gap + 0.5, 0.0)
+            open_mm = (PAD_LIMIT_MM * template.scale - gap) / (3.0 * template.scale)
+            height[near] = share[near] * smoothstep(open_mm) * np.maximum(gap + 0.5 * template.scale, 0.0)
         return height
 
     def clearance_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
@@ -72,11 +73,13 @@ def _pads(template: Template, relief: Relief) -> Float64[np.ndarray, "H W"]:
     """Share of the gap that is filled, per pixel of the front surface: 1 where it rests, 0 near any rim."""
     front = template.front
     pixel = front.plane.pixel_mm
-    skirt = gaussian_filter(grey_dilation(front.contact, size=(5, 5)), 0.5 * PAD_SKIRT_MM / pixel)
+    skirt = gaussian_filter(
+        grey_dilation(front.contact, size=(5, 5)), 0.5 * PAD_SKIRT_MM * template.scale / pixel
+    )
     x, z = front.plane.centres()
     inside = relief.room_at(np.column_stack([x.ravel(), z.ravel()])).reshape(x.shape)
     # a pad that reached a rim would show beside it, or narrow the view through an opening
-    return smoothstep(1.4 * skirt - 0.1) * smoothstep((inside - 3.0) / (PAD_ROOM_MM - 3.0))
+    return smoothstep(1.4 * skirt - 0.1) * smoothstep((inside / template.scale - 3.0) / (PAD_ROOM_MM - 3.0))
 
 
 def smoothstep(share: Float64[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:

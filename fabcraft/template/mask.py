@@ -2,16 +2,18 @@
 
 Placement (mm on an adult of 123 mm menton-sellion, scaled to the face): from glabella + 30 down to menton - 5, laterally
 to 0.85 of the zygion; openings 36 x 24 centred on the eyes. Clearance to the skin: 2.0 in general, 4 before
-the lips, 0.3 where it rests (forehead band, cheekbones, nose bridge); before the eyes are openings.
+the lips, 0.3 where it rests (forehead band, cheekbones, nose bridge); before the eyes are openings.  On a character every
+length goes with the size of its head, and the openings are wide enough for its eyes.
 
 The sheet does not copy the face: it is the smoothest surface in front of it, held where it rests, so that the wearer's
 lips and nostrils do not show through.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
+from jaxtyping import Float64
 from scipy.ndimage import binary_closing, gaussian_filter
 
 from fabcraft.body.body import Body
@@ -25,14 +27,31 @@ from fabcraft.template.template import FrontSurface, Template
 CONTACTS = ("forehead", "cheekbone_left", "cheekbone_right", "nose_bridge")
 LANDMARKS = ("sellion", "glabella", "menton", "zygion_left", "zygion_right", "eye_left", "eye_right")
 GENERAL_MM, RESTING_MM = 2.0, 0.3
+ROOM_WALLS = 2.5
+"""Width of material around the openings, in walls."""
 WALL_MM = (1.6, 5.0)
 """Thinnest and thickest wall: it must carry the beads, and still be a wall."""
+DEFAULT_WALL_MM = 2.4
+_WALL_SHARE = 0.02
+"""Wall of a character's mask over the size of its head."""
 ADULT_FACE_MM = 123.0  # menton to sellion, median man (ANSUR II)
 _SLACK_MM = 0.15  # the height fields are grids; what they miss between pixels stays under this
 
 
-def mask(body: Body, wall_mm: float = 2.4) -> Template:
-    """The mask for `body` (a whole person, a head part, or a scanned head).
+def natural_wall_mm(body: Body) -> float:
+    """The wall that a mask for `body` has when none is asked: 2.4 mm for people, by the head's size for characters."""
+    if body.kind != "character":
+        return DEFAULT_WALL_MM
+    return float(np.clip(_WALL_SHARE * _worn_by(body).mesh.size_mm[2], *WALL_MM))
+
+
+def _worn_by(body: Body) -> Body:
+    """The head of `body`, or itself where it is one already."""
+    return body.part("head") if "neck_root" in body.joints and body.kind != "scan" else body
+
+
+def mask(body: Body, wall_mm: float = DEFAULT_WALL_MM) -> Template:
+    """The mask for `body` (a whole person or character, a head part, or a scanned head).
 
     wall_mm : thickness of the finished wall, 1.6-5.  Raises `InputError` for a body without a face, or a wall outside.
     """
@@ -41,25 +60,44 @@ def mask(body: Body, wall_mm: float = 2.4) -> Template:
             f"a mask's wall of {wall_mm} mm was asked",
             f"Choose between {WALL_MM[0]:g} and {WALL_MM[1]:g} mm.",
         )
-    head = body.part("head") if "neck_root" in body.joints and body.kind == "human" else body
+    head = _worn_by(body)
     missing = [name for name in LANDMARKS if name not in head.landmarks]
     if missing:
         raise InputError(
             f"body {body.name} has no landmark {', '.join(missing)}, so a mask cannot be placed on it",
             "Use a head scan or one of the built-in people.",
         )
-    scale = (head.landmarks["sellion"][2] - head.landmarks["menton"][2]) / ADULT_FACE_MM
+    scale = head.scale
+    if head.kind != "character":
+        scale = (head.landmarks["sellion"][2] - head.landmarks["menton"][2]) / ADULT_FACE_MM
     front = _front_surface(head, wall_mm, scale)
-    edge_mm = 2.6 * max(scale, 0.6)
-    flat = triangulate([_outline(head, scale), *_openings(head, scale)], edge_mm)
+    edge_mm = 2.6 * scale
+    openings = _openings(head, scale)
+    flat = triangulate([_outline(head, scale, openings, ROOM_WALLS * wall_mm), *openings], edge_mm)
     height = front.base_at(flat.points)
     sheet = Mesh(np.column_stack([flat.points[:, 0], -height, flat.points[:, 1]]), flat.faces, "mask")
     rims = tuple(loop.astype(np.int32) for loop in flat.loops)
-    return Template("mask", head, sheet, rims, front, wall_mm, len(rims) - 1, CONTACTS, edge_mm)
+    resting_mm = head.clearance_mm(RESTING_MM)
+    return Template(
+        "mask",
+        head,
+        sheet,
+        rims,
+        front,
+        wall_mm,
+        len(rims) - 1,
+        CONTACTS,
+        edge_mm,
+        resting_mm=resting_mm,
+        opening_share=0.7 if head.kind != "character" else 1.0,
+    )
 
 
-def _outline(head: Body, scale: float) -> np.ndarray:
-    """A superellipse, narrower towards the chin, counter-clockwise in (x, z)."""
+def _outline(head: Body, scale: float, openings: list[np.ndarray], room_mm: float) -> np.ndarray:
+    """A superellipse, narrower towards the chin, counter-clockwise in (x, z).
+
+    Where eyes stand far apart or high up (the frog's) it is widened and raised until it has `room_mm` around them.
+    """
     top = head.landmarks["glabella"][2] + 30.0 * scale
     bottom = head.landmarks["menton"][2] - 5.0 * scale
     half = 0.85 * 0.5 * (head.landmarks["zygion_left"][0] - head.landmarks["zygion_right"][0])
@@ -69,37 +107,59 @@ def _outline(head: Body, scale: float) -> np.ndarray:
     x = np.sign(cosine) * np.abs(cosine) ** 0.8
     z = np.sign(sine) * np.abs(sine) ** 0.8
     chin = 1.0 - 0.22 * np.clip(-z, 0.0, 1.0) ** 1.5
-    return np.column_stack([middle + half * x * chin, 0.5 * (top + bottom) + 0.5 * (top - bottom) * z])
+    while True:
+        height = top - bottom
+        outline = np.column_stack([middle + half * x * chin, 0.5 * (top + bottom) + 0.5 * height * z])
+        if room_around(outline, openings) >= room_mm:
+            return outline
+        half, top = 1.02 * half, top + 0.02 * height
+
+
+def room_around(outline: Float64[np.ndarray, "N 2"], openings: Sequence[Float64[np.ndarray, "_ 2"]]) -> float:
+    """Least distance from the openings to the outline, mm, negative where one sticks out."""
+    polygon = outline.astype(np.float32).reshape(-1, 1, 2)
+    return min(cv2.pointPolygonTest(polygon, (float(x), float(z)), True) for x, z in np.concatenate(openings))
 
 
 def _openings(head: Body, scale: float) -> list[np.ndarray]:
     """36 x 24 mm ellipses before the eyes, the wearer's right one (left in the picture) first."""
     angle = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
-    ellipse = np.column_stack([18.0 * np.cos(angle), 12.0 * np.sin(angle)]) * scale
+    half = np.array([18.0, 12.0]) * scale
+    if head.kind == "character":  # its eyes may be larger than a person's, and look out of the openings
+        eye = head.mesh.vertices[head.regions["eye_left"].vertex_indices] - head.landmarks["eye_left"]
+        half = np.maximum(half, np.linalg.norm(eye, axis=1).max() + head.clearance_mm(GENERAL_MM))
+    ellipse = np.column_stack([np.cos(angle), np.sin(angle)]) * half
     return [head.landmarks[name][[0, 2]] + ellipse for name in ("eye_right", "eye_left")]
 
 
 def _front_surface(head: Body, wall_mm: float, scale: float) -> FrontSurface:
-    """The height fields on a 2 mm grid wide enough for long ears; the skin is dilated on a 1 mm grid."""
+    """The height fields on a 2 mm grid wide enough for long ears; the skin is dilated on a 1 mm grid.
+
+    Both are of people; for a character they are as fine as its head is small.
+    """
     landmarks = head.landmarks
     middle = 0.5 * (landmarks["eye_left"] + landmarks["eye_right"])
     half, below, above = 150.0 * scale, 190.0 * scale, 240.0 * scale
-    fine = Plane(middle[0] - half, middle[2] + above, 1.0, 2 * round(half), 2 * round((above + below) / 2.0))
-    plane = Plane(fine.left_mm, fine.top_mm, 2.0, fine.width // 2, fine.height // 2)
+    pixel = head.scale
+    width, height = 2 * round(half / pixel), 2 * round((above + below) / (2.0 * pixel))
+    fine = Plane(middle[0] - half, middle[2] + above, pixel, width, height)
+    plane = Plane(fine.left_mm, fine.top_mm, 2.0 * pixel, fine.width // 2, fine.height // 2)
+    general, rest, slack = (
+        head.clearance_mm(GENERAL_MM),
+        head.clearance_mm(RESTING_MM),
+        0.5 * wall_mm + _SLACK_MM * pixel,
+    )
     skin = front_heights(head.mesh, fine)
     zones = _zones(head, fine)
     resting = _near(head, CONTACTS, fine, 5.0 * scale)
-    general = np.where(resting, -np.inf, skin)
     floor = np.maximum(
-        raised(general, GENERAL_MM + wall_mm / 2 + _SLACK_MM, 1.0),
-        raised(np.where(resting, skin, -np.inf), RESTING_MM + wall_mm / 2 + _SLACK_MM, 1.0),
+        raised(np.where(resting | _domes(head, fine), -np.inf, skin), general + slack, pixel),
+        raised(np.where(resting, skin, -np.inf), rest + slack, pixel),
     )
     for distance_mm, zone in zones:
-        before = raised(np.where(zone, skin, -np.inf), distance_mm + wall_mm / 2 + _SLACK_MM, 1.0)
+        before = raised(np.where(zone, skin, -np.inf), distance_mm + slack, pixel)
         floor = np.maximum(floor, before)
-    clearance = gaussian_filter(
-        np.where(_near(head, CONTACTS, fine, 9.0 * scale), RESTING_MM, GENERAL_MM), 2.0
-    )
+    clearance = gaussian_filter(np.where(_near(head, CONTACTS, fine, 9.0 * scale), rest, general), 2.0)
     contact = gaussian_filter(resting.astype(np.float64), 2.5)
     floor, skin = _coarser(floor, np.max), _coarser(skin, np.max)
     clearance, contact = _coarser(clearance, np.mean), _coarser(contact, np.mean)
@@ -144,12 +204,19 @@ def _core(head: Body, floor: np.ndarray, plane: Plane, scale: float) -> np.ndarr
     return binary_closing(core, iterations=3) & np.isfinite(floor)
 
 
+def _domes(head: Body, plane: Plane) -> np.ndarray:
+    """Pixels of a character's eyes, which stand out of its face, and out of the openings."""
+    if head.kind != "character":
+        return np.zeros((plane.height, plane.width), dtype=bool)
+    return _near(head, ("eye_left", "eye_right"), plane, plane.pixel_mm)
+
+
 def _zones(head: Body, plane: Plane) -> list[tuple[float, np.ndarray]]:
     """(distance, pixels) of the regions that keep farther from the sheet than the rest: lips, and the like."""
     return [
-        (region.never_closer_mm, _near(head, (name,), plane, 3.0))
+        (region.never_closer_mm, _near(head, (name,), plane, 3.0 * head.scale))
         for name, region in sorted(head.regions.items())
-        if region.never_closer_mm > GENERAL_MM and not name.startswith(("ear", "eye"))
+        if region.never_closer_mm > head.clearance_mm(GENERAL_MM) and not name.startswith(("ear", "eye"))
     ]
 
 

@@ -137,6 +137,10 @@ class Template:
     """What it was built with, by name (`Parameter`)."""
     notes: tuple[str, ...] = ()
     """What was chosen or changed on the way, in sentences for the user."""
+    resting_mm: float = 0.3
+    """Distance to the skin where it rests."""
+    opening_share: float = 0.7
+    """How small an opening may be drawn, over the template's own."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
@@ -154,6 +158,11 @@ class Template:
                 f"the {self.name} is a solid and has no front view", "Use one of its motif frames."
             )
         return self.surface
+
+    @property
+    def scale(self) -> float:
+        """Size of the wearer's part over a person's: lengths that are no printer's go with it."""
+        return self.body.scale
 
     @property
     def outline(self) -> Float64[np.ndarray, "N 2"]:

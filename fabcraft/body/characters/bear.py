@@ -61,7 +61,7 @@ BEAR = Model(
         cut=((0, 0, 72), (0, 0, 1)),
     ),
     arm=Arm(elbow=(59, -10, 77), wrist=(66, -15, 67), tip=(75, -26, 51), back=(0.6, -0.6, 0.5), girth_mm=17),
-    foot=Foot(ankle=(27, 0, 26), reach_mm=50, cut_z=38, behind_mm=24),
+    foot=Foot(ankle=(27, 0, 26), reach_mm=50, cut_z=38, behind_mm=24, inner_x=9),
     unwearable={
         "helmet": "its ears stand on the crown, where a helmet would sit",
         "ring": "its paws have no fingers",

@@ -142,7 +142,7 @@ def _of_foot(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
     points, down = mesh.vertices[own], -mesh.vertex_normals[own, 2]
     heel, toe = marks["heel_left"][1], marks["toe_tip_left"][1]
     share = (points[:, 1] - heel) / (toe - heel)
-    sole, toes = down > 0.6, share > 0.8
+    sole, toes = (down > 0.6) & (points[:, 2] < 0.3 * model.foot.ankle[2]), share > 0.8
     places = {
         "sole_heel": sole & (share < 0.25),
         "sole_ball": sole & ~toes & (share > 0.55),
