@@ -71,7 +71,7 @@ def main() -> None:
             inside = scene_picture([Item(made.object, COLOURS[name])], VIEWS["back"], SIZE, supersample=3)
             sheet = contact_sheet([*views, inside], ["front", "three quarters", "side", "inside"], columns=4)
             (folder / "cat-mask.png").write_bytes(png_bytes(sheet))
-            stages = [*made.design.stages, ("printed object", made.object)]
+            stages = [*made.stages, ("printed object", made.object)]
             strip = evolution_strip(
                 [mesh for _, mesh in stages],
                 [label for label, _ in stages],

@@ -75,8 +75,11 @@ def seat_findings(template: Template, relief: Relief) -> list[Finding]:
     return found
 
 
-def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> dict[str, float]:
-    """Silhouette overlap with the drawn shape: of the object, the unfitted template, and the direct baseline."""
+def likeness(solid: Mesh, template: Template, relief: Relief, fitted: Mesh, direct: Mesh) -> dict[str, float]:
+    """Silhouette overlap with the drawn shape: of the finished object, and of three sheets grown by half a wall.
+
+    The sheets (fitted, direct baseline, unfitted template) compare with each other; the object has slots besides.
+    """
     half = 0.5 * template.wall_mm
     everything = np.vstack([relief.outline, template.outline, solid.vertices[:, [0, 2]]])
     plane = Plane.around(everything, 0.25 * template.scale, 4.0 * template.scale)
@@ -92,8 +95,44 @@ def likeness(solid: Mesh, template: Template, relief: Relief, direct: Mesh) -> d
     return {
         "silhouette_iou": overlap(solid, 0.0),
         "silhouette_iou_before": overlap(template.mesh, half),
+        "silhouette_iou_sheet": overlap(fitted, half),
         "silhouette_iou_direct": overlap(direct, half),
     }
+
+
+def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Worn:
+    """What a solid is held to on its body: no penetration, its firm contacts rest, it comes off.
+
+    Regions that it only hangs on (weight below 1, as a bangle on a wrist) ask for no gap.
+    """
+    body = template.body
+    firm = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
+    rest = [body.mesh.vertices[region.vertex_indices] for region in firm]
+    gaps = [np.full(len(region.vertex_indices), template.listed_mm[0]) for region in firm]
+    pressed = max([-region.never_closer_mm for region in firm], default=0.0)
+    return Worn(
+        body=distance,
+        object=solid,
+        penetration_limit_mm=max(PENETRATION_MM, pressed),
+        contacts=np.concatenate(rest) if rest else None,
+        gaps_mm=np.concatenate(gaps) if gaps else 0.0,
+        donning=template.donning,
+    )
+
+
+def motif_likeness(plate_solid: Mesh, plate: Template, relief: Relief) -> dict[str, float]:
+    """Silhouette overlap of the finished plate with the drawn shape, in the motif's frame, and of the plate before."""
+    everything = np.vstack([relief.outline, plate.outline])
+    plane = Plane.around(everything, 0.25, 4.0)
+    wanted = solid_mask(relief.outline, relief.openings, plane)
+
+    def overlap(mesh: Mesh) -> float:
+        seen = silhouette_mask(
+            plane.to_pixels(mesh.vertices[:, [0, 2]]), mesh.faces, plane.width, plane.height
+        )
+        return float(((seen >= 0.5) & wanted).sum() / ((seen >= 0.5) | wanted).sum())
+
+    return {"silhouette_iou": overlap(plate_solid), "silhouette_iou_before": overlap(plate.mesh)}
 
 
 def _covered(name: str, template: Template, relief: Relief) -> Bool[np.ndarray, " N"]:

@@ -180,7 +180,7 @@ def _tell(tell: Callable[[str, int, int], None] | None, step: int, steps: int) -
 
 def _evolution(made: "Made") -> np.ndarray:
     """The template, its way to the drawn outline, the fitted sheet and the object."""
-    stages = dict(made.design.stages)
+    stages = dict(made.stages)
     names = list(stages)
     steps = [name for name in names if name.startswith("outline ")]
     kept = {"template": names[0]}

@@ -3,49 +3,29 @@
 files, drawing → guidance → fit → solid → check → write. Every stage can also be called alone; see the README.
 """
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fabcraft.body.body import Body
-from fabcraft.body.character import CHARACTERS, character
-from fabcraft.body.human import PRESETS, human
 from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
-from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.edges import understand
-from fabcraft.guidance.inflate import Relief, inflate
-from fabcraft.guidance.placement import place
-from fabcraft.guidance.target import target_relief
-from fabcraft.judge import likeness, seat_findings, worn
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe
+from fabcraft.road.guided import shape_guided
+from fabcraft.road.motif import shape_motif
+from fabcraft.road.shaped import Clock, Given, Shaped, Tell
+from fabcraft.road.sheet import shape_sheet
 from fabcraft.solid.orient import onto_bed
-from fabcraft.solid.shell import shell
-from fabcraft.solid.slots import strap_slots
-from fabcraft.solid.thicken import SolidResult, SolidSettings
-from fabcraft.template.mask import mask, natural_wall_mm
 from fabcraft.template.template import Template
-
-if TYPE_CHECKING:
-    from fabcraft.fit.optimize import Design
-
-Tell = Callable[[str, int, int], None]
-"""Progress: called with the name of the stage, the step done and the number of steps."""
-
-CELLS_MM = {"draft": 0.6, "standard": 0.45}
-NO_SLOTS = "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."
+from fabcraft.wearer import find_body, require_wearable
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +40,8 @@ class Made:
     recipe: Recipe
     body: Body
     template: Template
-    design: "Design"
+    stages: tuple[tuple[str, Mesh], ...]
+    """(label, mesh) from the template to the fitted sheet, mm."""
     profile: PrinterProfile
     drawing: Drawing | None
     """What was understood of the sketch."""
@@ -71,200 +52,76 @@ class Made:
     """The fit was stopped early; the best so far was used."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Clock:
-    """Seconds of every stage, in order."""
-
-    seconds: dict[str, float]
-    tell: Tell | None
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        if self.tell is not None:
-            self.tell(name, 0, 1)
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - start
-        if self.tell is not None:
-            self.tell(name, 1, 1)
-
-
-def find_body(name: str, units: str = "", height_mm: float = 0.0) -> Body:
-    """The body called `name`, or the head scan in that file.
-
-    height_mm : of a character; 0 is its own.  Raises `InputError` when there is neither, or the height is not for it.
-    """
-    path = Path(name)
-    if name in CHARACTERS:
-        return character(name, height_mm)
-    if height_mm:
-        raise InputError(
-            f"a height of {height_mm:g} mm was asked for {name}, which is no character",
-            f"Leave out --height, or choose a character: {', '.join(CHARACTERS)}.",
-        )
-    if name in PRESETS:
-        return human(name)
-    if path.suffix or path.exists():
-        from fabcraft.body.scan import scan
-
-        return scan(path, units or None)
-    known = (*PRESETS, *CHARACTERS)
-    close = get_close_matches(name, known, n=1)
-    raise InputError(
-        f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Choose one of: {', '.join(known)}; or give the path of a head scan.",
-    )
-
-
-def require_wearable(body: Body, template: str) -> None:
-    """Raise `InputError` when `template` does not go on `body`, with the reason."""
-    if template in body.unwearable:
-        raise InputError(
-            f"the {body.name} cannot wear a {template}: {body.unwearable[template]}",
-            "Choose another template or another body (fabcraft bodies).",
-        )
-
-
 def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     """Run the recipe, without writing anything.
 
     Ctrl-C during the fit keeps the best so far and goes on; see `Made.interrupted`.
     Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
     """
-    if bool(recipe.sketch) == bool(recipe.guidance):
-        given = (
-            "both a sketch and a guidance mesh" if recipe.sketch else "neither a sketch nor a guidance mesh"
-        )
-        raise InputError(
-            f"{given} was given; one of them was expected", "Give --sketch FILE or --guidance MESH."
-        )
-    clock = _Clock({}, tell)
+    _require_one_input(recipe)
+    clock = Clock({}, tell)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
-        picture = read_image(recipe.sketch) if recipe.sketch else None
-        goal = read_mesh(Path(recipe.guidance)) if recipe.guidance else None
+        inputs = Given(
+            read_image(recipe.sketch) if recipe.sketch else None,
+            read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
+        )
     with clock.stage("body"):
         body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
         require_wearable(body, recipe.template)
-        template = mask(body, recipe.wall_mm or max(natural_wall_mm(body), profile.wall_mm))
-        distance = SurfaceDistance(template.body.mesh)
-    with clock.stage("guidance"):
-        drawing, relief, route, notes = _guidance(recipe, picture, goal, template)
-    with clock.stage("fit"):
-        design = _fit(recipe, template, relief, distance, tell)
-    with clock.stage("solid"):
-        settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=_cell(recipe.preset, template.wall_mm))
-        slots = strap_slots(template, relief) if recipe.strap_slots else ()
-        if recipe.strap_slots and not slots:
-            notes.append((True, NO_SLOTS))
-        solid = shell(design.mesh, template, relief, distance, settings, slots)
+    shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
-        placed = onto_bed(replace(solid.mesh, name=recipe.title or template.name), profile)
-        inspection = inspect_mesh(placed.mesh, profile, worn=worn(solid.mesh, template, relief, distance))
-        clearance = distance.signed(solid.mesh.vertices)
+        placed = onto_bed(replace(shaped.object, name=recipe.title or shaped.template.name), profile)
+        inspection = inspect_mesh(placed.mesh, profile, worn=shaped.worn)
+        clearance = shaped.worn.body.signed(shaped.object.vertices)
     clock.seconds.update({f"check.{name}": value for name, value in inspection.report.seconds.items()})
     found = inspection.report
     report = replace(
         found,
-        findings=(
-            *found.findings,
-            *seat_findings(template, relief),
-            *_said(notes, body, solid),
-            *_stopped(design),
-        ),
-        route=(*route, *_how(design), f"laid on the bed {placed.words}"),
-        metrics={
-            **found.metrics,
-            **likeness(solid.mesh, design.template, relief, design.direct),
-            "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
-        },
+        findings=(*found.findings, *shaped.findings, *_said(shaped, body)),
+        route=(*shaped.route, f"laid on the bed {placed.words}"),
+        metrics={**found.metrics, **shaped.metrics},
         seconds=clock.seconds,
     )
     return Made(
-        object=solid.mesh,
+        object=shaped.object,
         on_bed=placed.mesh,
         report=report,
         recipe=recipe,
         body=body,
-        template=template,
-        design=design,
+        template=shaped.template,
+        stages=shaped.stages,
         profile=profile,
-        drawing=drawing,
+        drawing=shaped.drawing,
         inspection=replace(inspection, report=report),
         clearance_mm=clearance,
-        interrupted=design.interrupted,
+        interrupted=shaped.interrupted,
     )
 
 
-def _said(notes: list[tuple[bool, str]], body: Body, solid: SolidResult) -> list[Finding]:
+def _said(shaped: Shaped, body: Body) -> list[Finding]:
     """What the stages before the check had to say."""
-    told = [Finding(check="input", severity="warn" if warn else "note", advice=text) for warn, text in notes]
+    told = [
+        Finding(check="input", severity="warn" if warn else "note", advice=text)
+        for warn, text in shaped.notes
+    ]
     told += [Finding(check="body", severity="note", advice=text) for text in body.notes]
-    return told + [Finding(check="solid", severity="note", advice=text + ".") for text in solid.notes]
+    return told + [Finding(check="solid", severity="note", advice=text + ".") for text in shaped.solid_notes]
 
 
-def _stopped(design: "Design") -> list[Finding]:
-    """A warning when the fit did not come to its end."""
-    if not design.cut_short:
-        return []
-    return [Finding(check="fit", severity="warn", advice=f"The fit stopped early: {design.stopped.value}.")]
+def _road(recipe: Recipe) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
+    """From the input to the object: by the drawing, by the motif, or by views from all sides."""
+    if recipe.text or (recipe.guidance and recipe.template != "mask"):
+        return shape_guided
+    return shape_sheet if recipe.template == "mask" else shape_motif
 
 
-def _how(design: "Design") -> tuple[str, str]:
-    """The fit, in a line of the route."""
-    return (
-        f"fitted: {design.stopped.value}, {design.remeshed} times remeshed, pushed {design.pushed_mm:.2f} mm",
-        "outline "
-        + (
-            "meshed from the drawing, as the direct baseline: the fitted one would have folded"
-            if design.outline_direct
-            else "from the fitted template"
-        ),
-    )
-
-
-def _cell(preset: str, wall_mm: float) -> float:
-    return min(CELLS_MM[preset], 0.5 * wall_mm)
-
-
-def _guidance(
-    recipe: Recipe, picture: np.ndarray | None, goal: Mesh | None, template: Template
-) -> tuple[Drawing | None, Relief, tuple[str, ...], list[tuple[bool, str]]]:
-    """(drawing, relief, route, notes); a note is (whether it is a warning, sentence)."""
-    if goal is not None:
-        relief, said = target_relief(goal, template, recipe.placement)
-        return (
-            None,
-            relief,
-            (f"guidance mesh {Path(recipe.guidance).name}",),
-            [(False, text) for text in said],
+def _require_one_input(recipe: Recipe) -> None:
+    """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
+    given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
+    if len(given) != 1:
+        what = " and ".join(given) if given else "neither a sketch, a guidance mesh nor a text"
+        raise InputError(
+            f"{what} was given; one of them was expected",
+            "Give --sketch FILE, --guidance MESH or --text WORDS.",
         )
-    assert picture is not None
-    drawing = understand(picture)
-    placed = place(drawing, template, recipe.placement)
-    relief = inflate(placed, template, recipe.inflate)
-    width, height = np.ptp(placed.outline, axis=0)
-    route = (
-        f"sketch {Path(recipe.sketch).name}: outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, "
-        f"{len(drawing.strokes)} strokes",
-        f"placed by the {'drawn eyes' if placed.by_eyes else 'drawn outline'}: {width:.0f} x {height:.0f} mm",
-        "inflated to a relief",
-    )
-    notes = [(True, text) for text in drawing.warnings]
-    notes += [(False, f"Left out of the drawing: {text}.") for text in drawing.dropped]
-    return drawing, relief, route, notes + [(False, text) for text in placed.notes]
-
-
-def _fit(
-    recipe: Recipe, template: Template, relief: Relief, distance: SurfaceDistance, tell: Tell | None
-) -> "Design":
-    from fabcraft.fit.optimize import PRESETS as FIT_PRESETS
-    from fabcraft.fit.optimize import fit
-
-    settings = replace(FIT_PRESETS[recipe.preset], seed=recipe.seed)
-
-    def watch(stage: str, step: int, steps: int, sheet: Mesh) -> None:
-        if tell is not None:
-            tell(f"fit: {stage}", step, steps)
-
-    return fit(template, relief, settings, distance, watch)

@@ -18,6 +18,7 @@ import msgspec
 from fabcraft.errors import InputError
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
+from fabcraft.template.kinds import NAMES
 from fabcraft.template.mask import WALL_MM
 
 
@@ -25,12 +26,24 @@ from fabcraft.template.mask import WALL_MM
 class Recipe:
     """One object: what it is, what it looks like, who wears it and what prints it."""
 
-    template: Literal["mask"] = "mask"
-    """Kind of wearable."""
+    template: str = "mask"
+    """Kind of wearable: mask, ring, bangle, necklace, glasses, visor, helmet or slippers."""
+    parameters: dict[str, float | str] = field(default_factory=dict)
+    """What is set of the template, by name (`fabcraft templates show NAME`): a number, or the name of a standard size."""
+    reading: Literal["", "object", "motif"] = ""
+    """What the drawing shows: the object itself, or a motif to be worked into it. A mask is drawn, others get a motif."""
+    frame: str = ""
+    """Place of the motif; the template's usual one when left out."""
+    motif_mm: float = 0.0
+    """Longer side of the motif; 0 is as large as its place."""
     sketch: str = ""
     """Picture of a line drawing: PNG, JPEG or WebP."""
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    text: str = ""
+    """What it should look like in words, instead of a sketch; read by a picture-and-text encoder (`fabcraft weights`)."""
+    encoder: str = ""
+    """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
     body: str = "man"
     """Who wears it: man, woman, child, a character (see `fabcraft bodies`), or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
     height_mm: float = 0.0
@@ -60,7 +73,7 @@ class Recipe:
     def __post_init__(self) -> None:
         if isinstance(self.output, str):
             object.__setattr__(self, "output", (self.output,))
-        for name, known in (("template", ("mask",)), ("preset", ("draft", "standard"))):
+        for name, known in (("template", NAMES), ("preset", ("draft", "standard"))):
             if getattr(self, name) not in known:
                 raise InputError(
                     f"{name} '{getattr(self, name)}' was asked", f"Choose one of: {', '.join(known)}."
@@ -170,6 +183,10 @@ def recipe_toml(recipe: Recipe) -> str:
                 if getattr(value, one.name) != one.default
             ]
             if inner:
+                tables += ["", f"[{entry.name}]", *inner]
+        elif isinstance(value, Mapping):
+            if value:
+                inner = [f"{text(str(key))} = {text(one)}" for key, one in value.items()]
                 tables += ["", f"[{entry.name}]", *inner]
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
             if entry.name in ("sketch", "guidance", "body", "printer"):

@@ -30,6 +30,8 @@ def test_the_outline_is_that_of_the_drawing_and_no_worse_than_cutting_it_out(cat
     metrics = cat.report["metrics"]
     assert metrics["silhouette_iou"] >= 0.97
     assert metrics["silhouette_iou"] > metrics["silhouette_iou_direct"] - 0.01
+    assert metrics["silhouette_iou_sheet"] > metrics["silhouette_iou_direct"] - 0.003
+    assert any("outline from the fitted template" in line for line in cat.report["route"])
     assert metrics["silhouette_iou"] > metrics["silhouette_iou_before"] + 0.3
 
 

@@ -86,7 +86,8 @@ def _cuts(model: Model, bones: Points, scales: Mapping[str, float], factor: floa
 
     def cut(planes: Sequence[tuple[Any, Any]], anchor: np.ndarray, scale: float) -> Cut:
         sized = [
-            (factor * np.array(point), np.array(towards) / np.linalg.norm(towards)) for point, towards in planes
+            (factor * np.array(point), np.array(towards) / np.linalg.norm(towards))
+            for point, towards in planes
         ]
         return Cut(tuple(sized), anchor * factor, scale=scale * factor)
 

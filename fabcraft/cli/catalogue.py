@@ -9,7 +9,8 @@ from cyclopts import App, Parameter
 
 from fabcraft.cli.console import painted, result, result_json, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
-from fabcraft.cli.make import TEMPLATES, known_template
+from fabcraft.cli.make import known_template
+from fabcraft.template.kinds import NAMES
 
 Units = Literal["mm", "cm", "m", "in"]
 
@@ -173,7 +174,7 @@ def list_templates(*, json: bool = False) -> int:
         Print JSON.
     """
     if json:
-        result_json([{"template": name} for name in TEMPLATES])
+        result_json([{"template": name} for name in NAMES])
     else:
         result("mask  before the face, with two eye openings; rests on forehead, cheekbones and nose bridge")
     return 0

@@ -10,11 +10,11 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.errors import InputError
+from fabcraft.template.kinds import NAMES
 
 if TYPE_CHECKING:
     from fabcraft.recipe import Recipe
 
-TEMPLATES = ("mask",)
 Units = Literal["mm", "cm", "m", "in"]
 
 
@@ -27,6 +27,18 @@ class Flags:
     """Picture of a line drawing: PNG, JPEG or WebP."""
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    text: str | None = None
+    """What it should look like in words, instead of a sketch; needs the weights of an encoder (fabcraft weights)."""
+    encoder: str | None = None
+    """The encoder of --text: a name from fabcraft weights, or a checkpoint with its config beside it."""
+    set: Annotated[tuple[str, ...], Parameter(show_default=False, negative=())] = ()
+    """A parameter of the template as name=value, again for more: width=6, size="US 7" (see fabcraft templates show)."""
+    reading: Annotated[Literal["object", "motif"] | None, Parameter(name="--as")] = None
+    """What the drawing shows: the object, or a motif to be worked into it. [default: a mask the object, others a motif]"""
+    frame: str | None = None
+    """Place of the motif. [default: the template's usual one]"""
+    motif_size: float | None = None
+    """Longer side of the motif in mm. [default: as large as its place]"""
     body: str | None = None
     """Who wears it: man, woman, child, a character (fabcraft bodies), or the file of a head scan. [default: man]"""
     height: float | None = None
@@ -75,6 +87,7 @@ class Flags:
 _NO_FLAGS = Flags()
 _PLACES = {
     "wall": ("", "wall_mm"),
+    "motif_size": ("", "motif_mm"),
     "height": ("", "height_mm"),
     "scale": ("placement", "scale"),
     "up": ("placement", "up_mm"),
@@ -104,7 +117,7 @@ def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: b
     Parameters
     ----------
     what
-        A template (mask), or a recipe file (.toml) whose settings any flag overrides.
+        A template (see fabcraft templates), or a recipe file (.toml) whose settings any flag overrides.
     json
         Print the report as JSON, and nothing else, on stdout.
     quiet
@@ -145,9 +158,13 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
             )
     from fabcraft.recipe import Recipe, read_recipe
 
-    recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)  # type: ignore[arg-type]
-    if ("sketch" in given) != ("guidance" in given):  # the one given takes the place of the file's other one
-        given = {"sketch": "", "guidance": "", **given}
+    recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
+    if (
+        sum(name in given for name in ("sketch", "guidance", "text")) == 1
+    ):  # it takes the place of the file's own
+        given = {"sketch": "", "guidance": "", "text": "", **given}
+    if "set" in given:
+        given["parameters"] = {**recipe.parameters, **dict(_setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {}
     for flag, value in given.items():
         table, key = _PLACES.get(flag, ("", flag))
@@ -157,14 +174,30 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
     return replace(recipe, **changes)
 
 
+def _setting(text: str) -> tuple[str, float | str]:
+    """name=value as (name, number or word).  Raises `InputError` for anything else."""
+    name, equals, value = text.partition("=")
+    if not (name.strip() and equals and value.strip()):
+        raise InputError(
+            f"--set {text} was given; name=value was expected", "Give for example --set width=6."
+        )
+    try:
+        number = float(value)
+    except ValueError:
+        return name.strip(), value.strip()
+    if not math.isfinite(number):
+        raise InputError(f"--set {text} is not a finite number", "Give a number such as 6.")
+    return name.strip(), number
+
+
 def known_template(name: str) -> str:
     """`name`, when it is a template.  Raises `InputError` with the ones that come close."""
-    if name in TEMPLATES:
+    if name in NAMES:
         return name
-    close = get_close_matches(name, TEMPLATES, n=1)
+    close = get_close_matches(name, NAMES, n=1)
     raise InputError(
         f"there is no template called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Templates: {', '.join(TEMPLATES)}. A recipe file ends in .toml.",
+        f"Templates: {', '.join(NAMES)}. A recipe file ends in .toml.",
     )
 
 

@@ -10,8 +10,9 @@ from typing import no_type_check
 import numba as nb
 import numpy as np
 from jaxtyping import Float64
+from scipy.optimize import isotonic_regression
 
-from fabcraft.geometry.contour import counter_clockwise
+from fabcraft.geometry.contour import counter_clockwise, sharp_corners
 
 
 @nb.njit(cache=True)
@@ -45,7 +46,7 @@ def _path(cost):
             i -= 1
         else:
             j -= 1
-    return sums / counts
+    return sums / counts, total[rows - 1, columns - 1]
 
 
 def seam(contour: Float64[np.ndarray, "N 2"]) -> int:
@@ -58,29 +59,62 @@ def seam(contour: Float64[np.ndarray, "N 2"]) -> int:
 
 
 def match(
-    rim: Float64[np.ndarray, "N 2"], target: Float64[np.ndarray, "M 2"], turn_weight: float = 0.15
+    rim: Float64[np.ndarray, "N 2"],
+    target: Float64[np.ndarray, "M 2"],
+    turn_weight: float = 0.15,
+    spacing: float = 0.0,
+    corner_reach: float | None = None,
 ) -> Float64[np.ndarray, "N 2"]:
     """For every rim point its place on the target contour, in order around.
 
-    rim, target : closed contours, (x, up), any direction.  turn_weight : how much the direction of the contour counts
-    beside the squared distance (in units of the target's size). Each rim point gets the middle of the stretch of target
-    that it was matched with.
+    rim, target : closed contours, (x, up), any direction; the target about evenly sampled.
+    turn_weight : how much the direction of the contour counts beside the squared distance (in units of the target's size).
+    spacing : no two neighbours come nearer along the contour than this share of an even step, 0..1.
+    corner_reach : a target corner (`sharp_corners`) takes the rim point nearest to it; None lets corners pass between.
+    Each rim point gets the middle of the stretch of target that it was matched with.
     """
     target = counter_clockwise(target)
     forward = counter_clockwise(rim)
     reversed_ = forward is not rim
     start = seam(forward)
     ordered = np.roll(forward, -start, axis=0)
-    goal = np.roll(target, -seam(target), axis=0)
+    size = float(np.ptp(target, axis=0).max())
+    distance = ((ordered[:, None, :] - target[None, :, :]) ** 2).sum(-1) / size**2
+    cost = distance + 0.05 * turn_weight * (1.0 - _tangents(ordered) @ _tangents(target).T)
+    # two lobes may be equally low, so that the two contours disagree about their seam: the nearest point is tried too
+    seams = sorted({seam(target), int(distance[0].argmin())})
+    paths = [_path(np.roll(cost, -first, axis=1)[:, np.r_[: len(target), 0]]) for first in seams]
+    (at, _), first = min(zip(paths, seams, strict=True), key=lambda found: found[0][1])
+    goal = np.roll(target, -first, axis=0)
+    corners = np.array(sharp_corners(goal, corner_reach) if corner_reach else [], dtype=float)
     goal = np.concatenate([goal, goal[:1]])
-    size = float(np.ptp(goal, axis=0).max())
-    distance = ((ordered[:, None, :] - goal[None, :, :]) ** 2).sum(-1) / size**2
-    direction = 1.0 - _tangents(ordered) @ _tangents(goal[:-1])[np.r_[0 : len(goal) - 1, 0]].T
-    at = _path(distance + turn_weight * direction / 2.0 * 0.1)
+    if spacing > 0.0:
+        at = _spaced(at, spacing * (len(goal) - 1) / len(at), float(len(goal) - 1))
+    if len(corners):
+        at = _cornered(at, corners)
     low = np.clip(np.floor(at).astype(int), 0, len(goal) - 2)
     found = goal[low] + (at - low)[:, None] * (goal[low + 1] - goal[low])
     found = np.roll(found, start, axis=0)
     return found[::-1].copy() if reversed_ else found
+
+
+def _spaced(at: Float64[np.ndarray, " N"], least: float, length: float) -> Float64[np.ndarray, " N"]:
+    """The nearest places (least squares) along a closed contour of `length` with neighbours at least `least` apart."""
+    floor = least * np.arange(len(at))
+    found = isotonic_regression(at - floor).x
+    room = length - least * len(at)  # what is left of the round when every step is the least one
+    return np.clip(found, 0.0, room) + floor
+
+
+def _cornered(at: Float64[np.ndarray, " N"], corners: Float64[np.ndarray, " C"]) -> Float64[np.ndarray, " N"]:
+    """Every corner takes the place nearest to it, unless that would come nearer to a neighbour than half its step."""
+    moved = at.copy()
+    for corner in corners:
+        index = int(np.abs(moved - corner).argmin())
+        before, after = at[index - 1] if index else -np.inf, at[index + 1] if index + 1 < len(at) else np.inf
+        if 0.5 * (before + at[index]) <= corner <= 0.5 * (at[index] + after):
+            moved[index] = corner
+    return moved
 
 
 def _tangents(contour: np.ndarray) -> np.ndarray:

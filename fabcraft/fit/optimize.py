@@ -79,6 +79,8 @@ class Design:
     pushed_mm: float
     """Largest push of the settling."""
     remeshed: int
+    laid_mm: float
+    """How far the fitted rims were from the drawn contours before they were laid on them."""
     outline_direct: bool
     """The outline was meshed from the drawn contours, because the fitted one would have folded."""
     settings: FitSettings
@@ -173,6 +175,7 @@ def fit(
         stopped,
         pushed_mm,
         flat.remeshed,
+        flat.laid_mm,
         flat.from_contours,
         settings,
     )

@@ -46,8 +46,15 @@ class Views:
 class Guidance(Protocol):
     """An objective. `weights` says how much each of its losses counts; `outputs` which pictures it needs."""
 
-    outputs: tuple[str, ...]
-    weights: Mapping[str, float]
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Pictures that it needs."""
+        ...
+
+    @property
+    def weights(self) -> Mapping[str, float]:
+        """How much each of its losses counts."""
+        ...
 
     def describe(self) -> str:
         """One line for the report."""

@@ -1,7 +1,17 @@
 """The dog: on four legs, with hanging ears and its tail up."""
 
 from fabcraft.body.characters.model import Arm, Ear, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
+from fabcraft.body.characters.shapes import (
+    Shape,
+    ball,
+    both_sides,
+    carved,
+    crease,
+    ellipsoid,
+    joined,
+    limb,
+    standing,
+)
 
 _EAR = joined(
     4,
@@ -11,7 +21,9 @@ _EAR = joined(
 
 
 def _head() -> Shape:
-    skull = joined(14, ellipsoid((0, -50, 140), (45, 40, 40)), both_sides(ellipsoid((20, -64, 126), (24, 23, 20))))
+    skull = joined(
+        14, ellipsoid((0, -50, 140), (45, 40, 40)), both_sides(ellipsoid((20, -64, 126), (24, 23, 20)))
+    )
     jowl = ellipsoid((10, -94, 118), (13, 14, 13))
     muzzle = joined(8, ellipsoid((0, -86, 122), (23, 22, 17)), both_sides(jowl))
     return joined(5, joined(8, skull, muzzle), both_sides(_EAR))
@@ -28,7 +40,10 @@ def _body() -> Shape:
     trunk = joined(12, trunk, limb([(0, -18, 92), (0, -40, 118)], (30, 30)))
     fore = joined(8, limb([(22, -22, 66), (24, -26, 14)], (17, 13.5)), _paw(24, -34))
     hind = joined(
-        10, ellipsoid((26, 52, 54), (18, 27, 29)), limb([(28, 66, 42), (26, 64, 14)], (15, 13.5)), _paw(26, 55)
+        10,
+        ellipsoid((26, 52, 54), (18, 27, 29)),
+        limb([(28, 66, 42), (26, 64, 14)], (15, 13.5)),
+        _paw(26, 55),
     )
     tail = limb([(0, 72, 88), (0, 92, 106), (0, 100, 130), (0, 92, 150)], (12, 10.5, 9.5, 7))
     return joined(8, joined(11, trunk, both_sides(fore), both_sides(hind)), tail)

@@ -20,7 +20,11 @@ Rays = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]
 """(a point inside, unit direction) by name."""
 
 _LEFT, _BACK, _UP = np.eye(3)
-_EAR_ROOT = {"ear_root_back": (0.0, 0.10, -0.11), "ear_root_low": (0.0, 0.0, -0.23), "tragion": (0.0, -0.07, -0.09)}
+_EAR_ROOT = {
+    "ear_root_back": (0.0, 0.10, -0.11),
+    "ear_root_low": (0.0, 0.0, -0.23),
+    "tragion": (0.0, -0.07, -0.09),
+}
 """From the top of the ear's root, in shares of the head's height: a median man's."""
 
 
@@ -49,7 +53,10 @@ def joints(model: Model) -> Points:
     if arm.fingers is not None:
         base, knuckle, tip = np.array(arm.fingers[1])
         left |= {"finger4_1": base, "finger4_2": knuckle, "finger4_3": 0.5 * (knuckle + tip)}
-    left |= {"foot": foot.ankle, "toe1_1": np.array(foot.ankle) * [1.0, 1.0, 0.4] - 0.5 * foot.reach_mm * _BACK}
+    left |= {
+        "foot": foot.ankle,
+        "toe1_1": np.array(foot.ankle) * [1.0, 1.0, 0.4] - 0.5 * foot.reach_mm * _BACK,
+    }
     return _mirrored({"neck_root": np.array(model.neck.root), "head": np.array(model.head.middle)}, left)
 
 
@@ -113,7 +120,10 @@ def _of_ears(model: Model, height: float) -> Points:
     root, ear = np.array(model.head.temple, dtype=np.float64), model.head.ear
     found = {"ear_root_top": root}
     found |= {key: root + height * np.array(offset) for key, offset in _EAR_ROOT.items()}
-    return found | {"ear_tip": root if ear is None else ear.tip, "ear_outermost": root if ear is None else ear.outermost}
+    return found | {
+        "ear_tip": root if ear is None else ear.tip,
+        "ear_outermost": root if ear is None else ear.outermost,
+    }
 
 
 def _of_foot(model: Model, mesh: Mesh) -> Points:

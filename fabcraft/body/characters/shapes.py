@@ -65,7 +65,9 @@ def limb(points: Sequence[Point], radii: Sequence[float]) -> Shape:
 def crease(shape: Shape, points: Sequence[Point], radius: float) -> Shape:
     """A tube along the surface of `shape` below or above a curve through `points`; carved off, it leaves a groove."""
     places, _ = _on_surface(shape, _curve(np.array(points, dtype=np.float64), 2 * _SPANS))
-    return joined(0.0, *[_round_cone(a, b, radius, radius) for a, b in zip(places[:-1], places[1:], strict=True)])
+    return joined(
+        0.0, *[_round_cone(a, b, radius, radius) for a, b in zip(places[:-1], places[1:], strict=True)]
+    )
 
 
 def thorn(shape: Shape, near: Point, radius: float, height: float) -> Shape:

@@ -1,0 +1,82 @@
+"""A guidance mesh brought onto the object it is to guide: any scale, up axis and facing.
+
+24 axis-aligned turns, each refined a little by similarity ICP on spread points; the best is refined to the end. Its scale
+starts from the sizes of the two and may change by 40 % either way.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from fabcraft.errors import InputError
+from fabcraft.geometry.align import Similarity, axis_rotations, similarity_icp
+from fabcraft.geometry.sampling import area_samples
+from fabcraft.mesh import Mesh
+
+WORST = 0.12
+"""A match that misses by more than this share of the object's size is refused."""
+_COARSE, _FINE = 400, 2500
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """A guidance mesh where its object is."""
+
+    mesh: Mesh
+    """mm."""
+    residual: float
+    """Root mean square miss of the nearer three quarters, over the object's longest side."""
+    turned_deg: float
+    scaled: float
+
+    @property
+    def words(self) -> str:
+        """What was done, for the report."""
+        return (
+            f"turned by {self.turned_deg:.0f} degrees and scaled {self.scaled:.3g} times; "
+            f"it misses the template by {100.0 * self.residual:.1f} % of its size"
+        )
+
+
+def aligned(goal: Mesh, onto: Mesh, force: bool = False) -> Aligned:
+    """`goal` on the mesh `onto` (mm).
+
+    Raises `InputError` for a mesh without a surface, and for one that resembles `onto` too little, unless forced.
+    """
+    if len(goal.faces) == 0 or not goal.face_areas.sum() > 0.0:
+        raise InputError("the guidance mesh has no surface", "Give a mesh with faces.")
+    size = float(onto.size_mm.max())
+    (coarse, coarse_normals), (target, target_normals) = _spread(goal, _COARSE), _spread(onto, _COARSE)
+    ratio = _spread_of(target) / _spread_of(coarse)
+    scales = (0.7 * ratio, 1.4 * ratio)
+    starts = [
+        Similarity(ratio, turn, target.mean(0) - ratio * turn @ coarse.mean(0)) for turn in axis_rotations()
+    ]
+    weight = 0.05 * size
+    tried = [
+        similarity_icp(coarse, target, coarse_normals, target_normals, start, 12, 0.75, weight, scales)
+        for start in starts
+    ]
+    best = min(tried, key=lambda one: one.rms)
+    (fine, fine_normals), (target, target_normals) = _spread(goal, _FINE), _spread(onto, _FINE)
+    found = similarity_icp(fine, target, fine_normals, target_normals, best, 40, 0.75, weight, scales)
+    residual = found.rms / size
+    if residual > WORST and not force:
+        raise InputError(
+            f"the guidance mesh resembles the {onto.name or 'template'} too little: "
+            f"it misses it by {100.0 * residual:.0f} % of its size",
+            "Give a mesh of that kind of object.",
+        )
+    turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(found.rotation) - 1.0), -1.0, 1.0))))
+    return Aligned(goal.with_vertices(found.points(goal.vertices)), residual, turn, found.scale)
+
+
+def _spread(mesh: Mesh, count: int) -> tuple[Float64[np.ndarray, "K 3"], Float64[np.ndarray, "K 3"]]:
+    """`count` points of the surface, and the normals there; the same ones for the same mesh."""
+    faces, places = area_samples(mesh.face_areas, count, np.random.default_rng(0))
+    return (places[:, :, None] * mesh.corners[faces]).sum(1), mesh.face_normals[faces]
+
+
+def _spread_of(points: np.ndarray) -> float:
+    return float(np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean()))

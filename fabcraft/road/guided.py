@@ -1,0 +1,161 @@
+"""The road of a guidance mesh or a text: a closed solid is deformed as a whole, seen from all sides (the paper's road)."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fabcraft.body.body import Body
+from fabcraft.check.report import Finding
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.guidance.alignment import aligned
+from fabcraft.judge import worn_solid
+from fabcraft.mesh import Mesh
+from fabcraft.profile import PrinterProfile
+from fabcraft.recipe import Recipe
+from fabcraft.road.shaped import Clock, Given, Shaped
+from fabcraft.solid.thicken import SolidSettings, solidify
+from fabcraft.template.kinds import kind_of
+from fabcraft.template.mask import mask
+from fabcraft.template.template import Template
+
+if TYPE_CHECKING:
+    from fabcraft.fit.body_terms import ContactSet
+    from fabcraft.fit.deform import Deformed
+    from fabcraft.fit.presets import DeformSettings
+    from fabcraft.fit.views import Guide
+
+SHEET_WALL_MM = 4.0
+"""Wall of a sheet that is deformed as a closed solid: a thinner one needs twice as many triangles to bend well."""
+SHEET_CELL_MM = 2.0
+
+
+def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
+    """The recipe's template, deformed towards its guidance mesh or its text while it keeps fitting the body.
+
+    Ctrl-C during the fit keeps the best so far.  Raises `InputError` for a mesh that resembles the template too little,
+    `MissingError` where the text's encoder has no weights here, `SolidError` when no closed manifold comes out.
+    """
+    from fabcraft.fit.deform import deform
+
+    with clock.stage("template"):
+        template, rest = _rest(recipe, body)
+        distance = SurfaceDistance(template.body.mesh)
+    with clock.stage("guidance"):
+        settings = _settings(recipe, template)
+        guidance, route = _guidance(recipe, given, rest, distance, settings)
+    with clock.stage("fit"):
+
+        def watch(step: int, values: dict[str, float], mesh: Mesh) -> None:
+            if clock.tell is not None:
+                clock.tell("fit: views", step, settings.steps)
+
+        contacts = _contacts(template)
+        made = deform(
+            rest,
+            body=distance,
+            contacts=contacts,
+            guidance=guidance,
+            settings=settings,
+            locked=template.locked if template.kind == "solid" else None,
+            watch=watch,
+        )
+    with clock.stage("solid"):
+        least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
+        solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
+    return Shaped(
+        template=template,
+        object=solid.mesh,
+        worn=worn_solid(solid.mesh, template, distance),
+        drawing=None,
+        stages=(("template", rest), ("fitted", made.mesh)),
+        route=(*route, _how(made)),
+        notes=tuple((False, text) for text in template.notes),
+        solid_notes=solid.notes,
+        findings=tuple(_stopped(made)),
+        interrupted=made.stopped.name == "INTERRUPTED",
+    )
+
+
+def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
+    """The template, and the closed solid that is deformed."""
+    if recipe.template != "mask":
+        kind = kind_of(recipe.template)
+        template = kind.build(body, kind.settled(recipe.parameters))
+        return template, template.mesh
+    template = mask(body, recipe.wall_mm or SHEET_WALL_MM)
+    settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=min(SHEET_CELL_MM, 0.5 * template.wall_mm))
+    return template, solidify(template.mesh, settings).mesh
+
+
+def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
+    from fabcraft.fit.presets import PRESETS, for_text
+
+    chosen = PRESETS[recipe.preset]
+    if recipe.text:
+        chosen = for_text(chosen)
+    least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
+    return replace(chosen, seed=recipe.seed, clearance_mm=max(least, 0.0))
+
+
+def _guidance(
+    recipe: Recipe, given: Given, rest: Mesh, distance: SurfaceDistance, settings: "DeformSettings"
+) -> tuple[list["Guide"], tuple[str, ...]]:
+    """The objectives, and what they are, in lines of the route."""
+    import torch
+
+    from fabcraft.fit.render import Topology
+    from fabcraft.fit.views import ViewBank
+    from fabcraft.geometry.frame import Frame
+
+    if recipe.text:
+        from fabcraft.guidance.clip import DEFAULT, load_clip
+        from fabcraft.guidance.text import TextGuidance
+
+        model = load_clip(recipe.encoder or DEFAULT)
+        article = "an" if recipe.template[0] in "aeiou" else "a"
+        text = TextGuidance(model, recipe.text, f"{article} {recipe.template}", seed=recipe.seed)
+        return [text], (text.describe(),)
+    from fabcraft.guidance.picture import PictureGuidance, targets_of
+    from fabcraft.guidance.target_points import TargetPoints
+
+    assert given.goal is not None
+    goal = aligned(given.goal, rest)
+    inside = torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float()
+    bank = ViewBank.around(rest, settings)
+    views = bank.chunks(inside, Topology.of(goal.mesh.faces), ("shaded", "mask", "normal"))
+    pictures = PictureGuidance(targets_of(views))
+    points = TargetPoints.of(
+        goal.mesh, rest, body=distance, clearance_mm=settings.clearance_mm, weight=100.0, seed=recipe.seed
+    )
+    name = Path(recipe.guidance).name
+    return [pictures, points], (f"guidance mesh {name}, {goal.words}", pictures.describe(), points.describe())
+
+
+def _contacts(template: Template) -> "ContactSet | None":
+    """The skin that the template rests on, with its rules; None where there is none."""
+    from fabcraft.fit.body_terms import ContactSet
+
+    body = template.body
+    regions = [body.regions[name] for name in template.contacts if body.regions[name].weight > 0.0]
+    if not regions:
+        return None
+    chosen = np.concatenate([region.vertex_indices for region in regions])
+    weights = np.concatenate([region.weight * region.emphasis for region in regions])
+    least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
+    gaps = np.concatenate([np.full(len(region.vertex_indices), max(least, 0.0)) for region in regions])
+    return ContactSet(body.mesh.vertices[chosen], body.mesh.vertex_normals[chosen], gaps, weights)
+
+
+def _how(made: "Deformed") -> str:
+    return (
+        f"deformed as a solid: {made.stopped.value}, {made.remeshed} times refined, "
+        f"settled by {made.settled_mm:.2f} mm, pushed {made.pushed_mm:.2f} mm"
+    )
+
+
+def _stopped(made: "Deformed") -> list[Finding]:
+    if made.stopped.name not in ("INTERRUPTED", "NOT_FINITE"):
+        return []
+    return [Finding(check="fit", severity="warn", advice=f"The fit stopped early: {made.stopped.value}.")]

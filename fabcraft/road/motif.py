@@ -1,0 +1,109 @@
+"""The road of a solid template: the drawing is a motif, fitted as a plate in one of its frames and made one with it."""
+
+import numpy as np
+
+from fabcraft.body.body import Body
+from fabcraft.errors import InputError
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.guidance.edges import understand
+from fabcraft.guidance.inflate import inflate
+from fabcraft.guidance.motif import place_motif
+from fabcraft.judge import motif_likeness, worn_solid
+from fabcraft.mesh import Mesh
+from fabcraft.profile import PrinterProfile
+from fabcraft.recipe import Recipe
+from fabcraft.road.shaped import Clock, Given, Shaped
+from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
+from fabcraft.solid.manifolds import to_manifold, to_mesh
+from fabcraft.solid.mount import mount
+from fabcraft.template.kinds import kind_of
+from fabcraft.template.motif_plate import plate
+from fabcraft.template.picture_space import PictureSpace
+from fabcraft.template.template import MotifFrame, Template
+
+AS_OBJECT = "Only a mask can be drawn as a whole so far; the others take a motif (--as motif)."
+
+
+def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
+    """The ring, bangle, helmet, ... of a recipe, with the drawing worked into a motif frame.
+
+    Ctrl-C during the fit keeps the best so far.  Raises `InputError` for what cannot be placed, `SolidError` when no
+    closed manifold comes out.
+    """
+    assert given.picture is not None
+    if recipe.reading == "object":
+        raise InputError(f"a drawing of the whole {recipe.template} was given", AS_OBJECT)
+    with clock.stage("template"):
+        kind = kind_of(recipe.template)
+        template = kind.build(body, kind.settled(recipe.parameters))
+        frame = _frame(template, recipe.frame)
+        distance = SurfaceDistance(template.body.mesh)
+        sheet, space = plate(template, frame, recipe.motif_mm or None)
+    with clock.stage("guidance"):
+        drawing = understand(given.picture)
+        placed = place_motif(drawing, sheet, recipe.placement, space.scale)
+        relief = inflate(placed, sheet, recipe.inflate)
+    with clock.stage("fit"):
+        near = SurfaceDistance(space.seen(template.body.mesh))
+        design = fitted(recipe, sheet, relief, near, clock.tell)
+    with clock.stage("solid"):
+        least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
+        solid, alone = mount(
+            design.mesh,
+            sheet,
+            relief,
+            space,
+            template.mesh,
+            distance,
+            least_mm,
+            max(template.listed_mm[0], 0.0),
+        )
+        object_ = _paired(solid.mesh) if template.pair else solid.mesh
+    width, height = (placed.outline.max(0) - placed.outline.min(0)) / space.scale
+    return Shaped(
+        template=template,
+        object=object_,
+        worn=worn_solid(solid.mesh, template, distance),
+        drawing=drawing,
+        stages=_stages(template, space, design.stages),
+        route=(
+            sketch_line(recipe, drawing),
+            f"a motif of {width:.0f} x {height:.0f} mm on the {frame.name}",
+            *how(design, units_per_mm=space.scale),
+        ),
+        notes=(*drawing_notes(drawing), *((False, text) for text in template.notes)),
+        solid_notes=solid.notes,
+        findings=tuple(stopped(design)),
+        metrics=motif_likeness(alone, sheet, relief),
+        interrupted=design.interrupted,
+    )
+
+
+def _frame(template: Template, name: str) -> MotifFrame:
+    """The motif frame called `name`, or the usual one."""
+    if not name:
+        return template.motifs[0]
+    found = [frame for frame in template.motifs if frame.name == name]
+    if not found:
+        known = ", ".join(frame.name for frame in template.motifs)
+        raise InputError(f"a {template.name} has no place '{name}' for a motif", f"Choose one of: {known}.")
+    return found[0]
+
+
+def _stages(
+    template: Template, space: PictureSpace, stages: tuple[tuple[str, Mesh], ...]
+) -> tuple[tuple[str, Mesh], ...]:
+    """The template with the plate before it, stage by stage, mm."""
+    joined = [("template", template.mesh)]
+    for label, sheet in stages[1:]:
+        placed = sheet.with_vertices(space.outside(sheet.vertices))
+        vertices = np.concatenate([template.mesh.vertices, placed.vertices])
+        faces = np.concatenate([template.mesh.faces, placed.faces + np.int32(len(template.mesh.vertices))])
+        joined.append((label, Mesh(vertices, faces, template.name)))
+    return tuple(joined)
+
+
+def _paired(mesh: Mesh) -> Mesh:
+    """The object and its mirror image to x = 0, as two bodies."""
+    other = Mesh(mesh.vertices * [-1.0, 1.0, 1.0], mesh.faces[:, ::-1].copy(), mesh.name)
+    return to_mesh(to_manifold(mesh) + to_manifold(other), mesh.name)

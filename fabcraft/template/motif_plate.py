@@ -1,0 +1,91 @@
+"""The plate: the sheet that carries a motif on a solid template, in the picture space of one of its motif frames.
+
+It is to a ring what a mask is to a face: the smoothest sheet over the template's own surface, going on evenly beyond it
+where the motif is wider, and kept off the body. Lengths are in picture units; `SIZE` of them are the motif's longer side.
+"""
+
+import numpy as np
+
+from fabcraft.body.body import Body
+from fabcraft.errors import InputError
+from fabcraft.geometry.heights import front_heights, lifted_over, smoothest_over
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.triangulate import triangulate
+from fabcraft.mesh import Mesh
+from fabcraft.template.picture_space import PictureSpace
+from fabcraft.template.template import FrontSurface, MotifFrame, Template
+
+SIZE = 120.0
+"""Picture units of the longer side of a motif: about a face in mm, which the drawing's rules are made for."""
+THICKNESS = 4.5
+"""Of the plate, in picture units: also twice the radius of its rims, and what an arm of a star must exceed."""
+EDGE = 2.6
+_RIM_ROUNDNESS = 0.7
+_DEEP = 30.0
+"""What lies farther behind the frame is another part of the object (a necklace behind its pendant)."""
+
+
+def plate(
+    template: Template, frame: MotifFrame, size_mm: float | None = None
+) -> tuple[Template, PictureSpace]:
+    """The sheet for a motif in `frame`, and the space it lives in.
+
+    size_mm : longer side of the motif; the frame's own when None. Raises `InputError` for one that has no room there.
+    """
+    longer = max(frame.size_mm)
+    wanted = longer if size_mm is None else size_mm
+    if not 0.2 * longer <= wanted <= longer + 2.0 * frame.reach_mm:
+        raise InputError(
+            f"a motif of {wanted:g} mm was asked for the {frame.name} of the {template.name}",
+            f"Choose {0.2 * longer:.0f} to {longer + 2.0 * frame.reach_mm:.0f} mm.",
+        )
+    space = PictureSpace(frame, SIZE / wanted)
+    half = 0.5 * SIZE * np.array(frame.size_mm) / longer
+    carrier = space.seen(template.mesh)
+    front = _front(carrier, half)
+    flat = triangulate([_outline(half)], EDGE)
+    sheet = Mesh(
+        np.column_stack([flat.points[:, 0], -front.base_at(flat.points), flat.points[:, 1]]),
+        flat.faces,
+        "plate",
+    )
+    behind = Body(f"{template.name} {frame.name}", carrier, {}, {}, template.body.kind)
+    rims = tuple(loop.astype(np.int32) for loop in flat.loops)
+    name = f"{template.name} {frame.name}"
+    return Template(name, behind, sheet, rims, front, THICKNESS, 0, (), EDGE), space
+
+
+def _outline(half: np.ndarray) -> np.ndarray:
+    """A superellipse of the frame's proportions."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 480, endpoint=False)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.column_stack(
+        [
+            half[0] * np.sign(cosine) * np.abs(cosine) ** _RIM_ROUNDNESS,
+            half[1] * np.sign(sine) * np.abs(sine) ** _RIM_ROUNDNESS,
+        ]
+    )
+
+
+def _front(carrier: Mesh, half: np.ndarray) -> FrontSurface:
+    """The height fields, on a grid twice as wide as the motif: ears and rays may leave the frame."""
+    reach = 2.0 * half.max()
+    plane = Plane(-reach, reach, 2.0, int(reach), int(reach))
+    skin = front_heights(carrier, plane)
+    near = (
+        np.isfinite(skin) & (skin > skin[np.isfinite(skin)].max() - _DEEP)
+        if np.isfinite(skin).any()
+        else None
+    )
+    if near is None or not near.any():
+        raise InputError("there is nothing of the template behind this motif frame", "Choose another frame.")
+    x, z = plane.centres()
+    inside = (np.abs(x) < half[0]) & (np.abs(z) < half[1])
+    # the plate's middle lies half its thickness above the surface, so that all of it stands out
+    floor = np.where(near, skin + 0.5 * THICKNESS, -np.inf)
+    wanted = np.where(near, floor, 0.5 * THICKNESS)
+    pull = np.where(near & inside, 0.5, 0.02)
+    sheet = smoothest_over(floor, wanted, pull, plane.pixel_mm, 14.0, 60.0)
+    base = lifted_over(sheet, floor, plane.pixel_mm, 4.0)
+    empty = np.zeros(plane.centres()[0].shape)
+    return FrontSurface(plane, skin, floor, base, empty, empty, near & inside)
