@@ -5,7 +5,7 @@ It raises `InputError` for a body that lacks the part, with the reason, and for 
 """
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fabcraft.body.body import Body
@@ -38,9 +38,33 @@ class Kind:
                 hint = f"Did you mean {close[0]}?" if close else f"Known: {', '.join(known)}."
                 raise InputError(f"a {self.name} has no '{name}'", hint)
             one = known[name]
-            if isinstance(value, int | float) and not one.low <= value <= one.high:
+            if one.choices and not (isinstance(value, int | float) and one.low < one.high):
+                if value not in one.choices:
+                    raise InputError(
+                        f"{name} = {value} was asked of a {self.name}", f"Choose {' or '.join(one.choices)}: {one.meaning}."
+                    )
+            elif isinstance(value, int | float) and not one.low <= value <= one.high:
                 raise InputError(
                     f"{name} = {value:g} was asked of a {self.name}",
                     f"Choose {one.low:g} to {one.high:g} {one.unit}".rstrip() + f": {one.meaning}.",
                 )
         return dict(given)
+
+    def part(self, body: Body, name: str, places: Sequence[str]) -> Body:
+        """The part of `body` that wears this kind, with the joints and landmarks `places`.
+
+        Raises `InputError` with the reason when the body cannot wear it or lacks one of the places.
+        """
+        if self.name in body.unwearable:
+            raise InputError(
+                f"the {body.name} cannot wear a {self.name}: {body.unwearable[self.name]}",
+                "Choose another template or another body (fabcraft bodies).",
+            )
+        found = body if body.kind == "scan" else body.part(name)
+        missing = [place for place in places if place not in found.joints and place not in found.landmarks]
+        if missing:
+            raise InputError(
+                f"body {body.name} has no {', '.join(missing)}, so a {self.name} cannot be placed on it",
+                "Choose another body (fabcraft bodies).",
+            )
+        return found

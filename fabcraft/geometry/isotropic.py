@@ -1,0 +1,177 @@
+"""Even triangles of a wanted edge length on a given surface: MeshLab's explicit isotropic remeshing.
+
+Each round splits edges above 4/3 of the length, collapses those below 4/5, flips towards six edges a vertex, smooths
+tangentially and projects back onto the surface given (Botsch and Kobbelt, "A Remeshing Approach to Multiresolution
+Modeling", 2004; Alliez et al. 2003). Borders stay on their curves. The same input gives the same mesh.
+
+Where a finer length is wanted in places (a rim, a bead), the coarse part is meshed first, then each part of half the
+length, overlapping what was meshed before, so that the triangles grow evenly.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float64, Int32
+
+from fabcraft.errors import InputError, MissingError, SolidError
+from fabcraft.mesh import Mesh
+
+Lengths = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
+"""Wanted edge length at points, mm; it should change by no more than about half of the way."""
+
+_ROUNDS = 8
+_NO_CREASE_DEG = 180.0
+_MEAN_SHARE = 0.96
+"""Asked for this share of a length, MeshLab's mean edge is that length."""
+_MOST_LOST = 0.1
+"""A closed surface whose volume changes by a larger share is no longer the same shape."""
+_ON_PLANE_MM = 1e-9
+_OVERLAP = 1.4
+"""A part is meshed together with neighbours that want up to this many times the longest length of the part."""
+
+
+def isotropic(
+    mesh: Mesh,
+    edge_mm: float,
+    *,
+    finer: Lengths | None = None,
+    crease_deg: float = _NO_CREASE_DEG,
+    mirrored: bool = False,
+    rounds: int = _ROUNDS,
+) -> Mesh:
+    """The surface of `mesh` in near-equilateral triangles whose edges are about `edge_mm` long on average.
+
+    mesh : a manifold, closed or with borders; its own edges may be of any length.
+    finer : places that want shorter edges than `edge_mm`.
+    crease_deg : edges where the surface turns by more stay edges; the default keeps none, for smooth surfaces.
+    mirrored : the half at x > 0 is remeshed and reflected, so that every vertex has an exact mirror image; what is given
+    may end anywhere at x < 0.
+    Genus and borders stay.  Raises `InputError` for a length that is not above zero and for branching surfaces,
+    `SolidError` when details are so much smaller than `edge_mm` that a handle or a tenth of the volume would be lost,
+    and `MissingError` without pymeshlab.
+    """
+    if not edge_mm > 0.0:
+        raise InputError(f"an edge length of {edge_mm} mm was asked", "Give a length above 0.")
+    if len(mesh.faces) == 0:
+        raise InputError(f"mesh {mesh.name or '(unnamed)'} has no faces to remesh", "Give a surface.")
+    given = _positive_half(mesh) if mirrored else mesh
+    euler, bordered, branching = _topology(given.faces)
+    if branching:
+        raise InputError(
+            f"{mesh.name or 'the surface'} has edges with more than two faces",
+            "Repair it first (fabcraft solid).",
+        )
+    even = given
+    for length_mm, chosen in _parts(edge_mm, finer):
+        even = _remeshed(even, length_mm, crease_deg, rounds, chosen)
+    # a half that ends in the plane x = 0 encloses a volume with it, as its cap adds nothing to the divergence
+    closed = mirrored or not bordered
+    lost = closed and abs(even.volume_mm3 - given.volume_mm3) > _MOST_LOST * abs(given.volume_mm3)
+    if lost or _topology(even.faces) != (euler, bordered, False):
+        raise SolidError(
+            f"{mesh.name or 'the surface'} cannot be meshed with edges of {edge_mm:g} mm: its details are too small",
+            "Ask for shorter edges.",
+        )
+    return _reflected(even) if mirrored else even
+
+
+Chosen = Callable[[Mesh], np.ndarray] | None
+"""Mask of the faces to mesh; None for all."""
+
+
+def _parts(edge_mm: float, finer: Lengths | None) -> list[tuple[float, Chosen]]:
+    """Edge length and faces of every pass, the longest edges first."""
+    if finer is None:
+        return [(edge_mm, None)]
+
+    def between(low: float, high: float) -> Callable[[Mesh], np.ndarray]:
+        def chosen(mesh: Mesh) -> np.ndarray:
+            wanted = np.minimum(finer(mesh.corners.mean(1)), edge_mm)
+            return (wanted > low) & (wanted <= high)
+
+        return chosen
+
+    lengths = [edge_mm / 2**k for k in range(4)]
+    bounds = [(0.75 * length, _OVERLAP * 1.5 * length) for length in lengths]
+    return [(length, between(low, high)) for length, (low, high) in zip(lengths, bounds, strict=True)]
+
+
+def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen) -> Mesh:
+    """One run of MeshLab's filter over the chosen faces."""
+    try:
+        import pymeshlab
+    except ImportError as error:
+        raise MissingError("remeshing needs pymeshlab", "Run `pip install pymeshlab`.") from error
+    faces = np.ones(len(mesh.faces)) if chosen is None else chosen(mesh).astype(np.float64)
+    if not faces.any():
+        return mesh
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.vertices), np.array(mesh.faces), f_scalar_array=faces))
+    meshes.compute_selection_by_condition_per_face(condselect="fq > 0.5")
+    meshes.meshing_isotropic_explicit_remeshing(
+        iterations=rounds,
+        targetlen=pymeshlab.PureValue(_MEAN_SHARE * edge_mm),
+        featuredeg=crease_deg,
+        checksurfdist=False,
+        selectedonly=chosen is not None,
+    )
+    meshes.meshing_remove_unreferenced_vertices()
+    result = meshes.current_mesh()
+    return Mesh(result.vertex_matrix(), result.face_matrix().astype(np.int32), mesh.name)
+
+
+def _positive_half(mesh: Mesh) -> Mesh:
+    """What of the surface lies at x > 0, with a border in the plane x = 0."""
+    x = mesh.vertices[:, 0]
+    x = np.where(
+        np.abs(x) < _ON_PLANE_MM, _ON_PLANE_MM, x
+    )  # no vertex on the plane: every face is cut or not
+    ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    ends = ends[x[ends[:, 0]] * x[ends[:, 1]] < 0.0].astype(np.int64)
+    share = (x[ends[:, 0]] / (x[ends[:, 0]] - x[ends[:, 1]]))[:, None]
+    cuts = (1.0 - share) * mesh.vertices[ends[:, 0]] + share * mesh.vertices[ends[:, 1]]
+    cuts[:, 0] = 0.0
+    code = ends @ [len(x), 1]
+
+    def cut(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
+        return len(x) + np.searchsorted(code, low * len(x) + high)
+
+    kept = [mesh.faces[(x[mesh.faces] > 0.0).all(1)]]
+    for corner in range(3):
+        a, b, c = mesh.faces[:, np.roll(np.arange(3), -corner)].T
+        lone = (x[a] > 0.0) & (x[b] < 0.0) & (x[c] < 0.0)
+        pair = (x[a] < 0.0) & (x[b] > 0.0) & (x[c] > 0.0)
+        kept.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
+        kept.append(np.stack([cut(a, b), b, c], 1)[pair])
+        kept.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
+    faces = np.concatenate(kept).astype(np.int32)
+    return Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name).submesh(
+        np.ones(len(faces), dtype=bool)
+    )
+
+
+def _reflected(half: Mesh) -> Mesh:
+    """The half and its mirror image, joined along the plane x = 0."""
+    directed = half.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    pairs, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    vertices = np.array(half.vertices)
+    rim = np.unique(pairs[count == 1])
+    rim = rim[np.abs(vertices[rim, 0]) < 1e-3]  # other borders of an open surface may lie anywhere
+    vertices[rim, 0] = 0.0
+    image = np.arange(len(vertices)) + len(vertices)
+    image[rim] = rim
+    faces = np.concatenate([half.faces, image[half.faces][:, ::-1]]).astype(np.int32)
+    both = Mesh(np.concatenate([vertices, vertices * [-1.0, 1.0, 1.0]]), faces, half.name)
+    return both.submesh(np.ones(len(faces), dtype=bool))
+
+
+def _topology(faces: Int32[np.ndarray, "F 3"]) -> tuple[int, int, bool]:
+    """Euler number, and whether there are edges with one face and edges with more than two."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+    _, count = np.unique(edges @ [2**32, 1], return_counts=True)
+    return (
+        int(len(np.unique(faces)) - len(count) + len(faces)),
+        bool((count == 1).any()),
+        bool((count > 2).any()),
+    )
