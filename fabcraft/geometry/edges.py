@@ -3,8 +3,10 @@
 Edge k of a face runs from its corner k to its corner k + 1.
 """
 
+from collections.abc import Callable
+
 import numpy as np
-from jaxtyping import Bool, Int, Int32, Int64
+from jaxtyping import Bool, Float64, Int, Int32, Int64
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -32,11 +34,20 @@ def components(faces: Int[np.ndarray, "F 3"]) -> Int32[np.ndarray, " F"]:
     return connected_components(incidence, directed=False)[1][: len(faces)].astype(np.int32)
 
 
-def split_edges(mesh: Mesh, longest_mm: float) -> Mesh:
-    """The same surface with no edge above `longest_mm`: longer ones are halved, without gaps."""
+Length = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
+"""A length, mm, for every place."""
+
+
+def split_edges(mesh: Mesh, longest_mm: float | Length) -> Mesh:
+    """The same surface with no edge above `longest_mm`: longer ones are halved, without gaps.
+
+    longest_mm : one length, or a function of the edges' middles.
+    """
     while True:
         a, b = mesh.vertices[mesh.faces], mesh.vertices[np.roll(mesh.faces, -1, axis=1)]
-        long = np.linalg.norm(b - a, axis=2) > longest_mm
+        middles = 0.5 * (a + b).reshape(-1, 3)
+        limit = longest_mm(middles).reshape(-1, 3) if callable(longest_mm) else longest_mm
+        long = np.linalg.norm(b - a, axis=2) > limit
         if not long.any():
             return mesh
         mesh = _halve(mesh, long)
