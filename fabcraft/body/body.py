@@ -4,26 +4,28 @@ Frame: millimetres, Z up, right-handed; a person looks along -y and their left i
 end in `_left` or `_right`, the wearer's side.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Int32, Int64
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import coo_matrix, csr_matrix, identity
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fabcraft.body.parts import NECK_BELOW_ROOT_MM as NECK_BELOW_ROOT_MM  # where scans look for it
+from fabcraft.body.parts import Cut, Plane, cut_of
 from fabcraft.body.region import Region
 from fabcraft.errors import InputError
-from fabcraft.geometry.subdivide import loop_matrix
+from fabcraft.geometry.subdivide import halving_matrix, loop_matrix
 from fabcraft.mesh import Mesh
 
-NECK_BELOW_ROOT_MM = 60.0
-"""The head part ends this far below the neck root."""
-
 _SLACK_MM = 40.0
-"""Skin kept below the cut while the head is cropped, so that the rim of the crop is never in the part."""
+"""Skin kept beyond a cut while a part is cropped, so that the rim of the crop is never in the part."""
+_CLEAR_MM = 15.0
+"""Landmarks nearer to a cut are left out: they belong to what was cut off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,64 +55,94 @@ class Body:
         object.__setattr__(self, "regions", MappingProxyType(dict(self.regions)))
 
     def part(self, name: str) -> "Body":
-        """The part `name` as a body of its own, closed by a plane cut; landmarks and regions refer to it.
+        """The part `name` (`parts.PARTS`) as a body of its own, in the same coordinates, closed by flat cuts.
 
-        `head` is head and neck down to 60 mm below the neck root, in the same coordinates.
-        Raises `InputError` for any other name, and for a body without a neck root.
+        Landmarks, joints and regions are those that lie on it, clear of the cuts, and refer to its mesh.
+        Raises `InputError` for an unknown part, and for a body without the places it is cut by.
         """
-        if name != "head":
-            raise InputError(f"body {self.name} has no part '{name}'", "Parts: head.")
-        if "neck_root" not in self.joints:
-            raise InputError(
-                f"body {self.name} has no neck root, so its head cannot be cut off",
-                "Choose a body with a head (fabcraft bodies).",
-            )
-        return _above(self, self.joints["neck_root"][2] - NECK_BELOW_ROOT_MM, "head")
+        return _cut_off(self, cut_of(name, self.name, self.joints, self.landmarks), f"{self.name} {name}")
 
 
-def _above(body: Body, floor_mm: float, name: str) -> Body:
-    """`body` above the plane z = `floor_mm`, smoothed and capped."""
-    lowered = floor_mm - _SLACK_MM
-    crop, old_of_new = _faces_above(body.mesh, lowered)
-    matrix, mesh = _smoothed(crop, body.smoothing)
+def _cut_off(body: Body, cut: Cut, name: str) -> Body:
+    """What lies within the planes of `cut`, smoothed and capped."""
+    slack = tuple((point - _SLACK_MM * normal, normal) for point, normal in cut.planes)
+    crop, old_of_new = _crop(body.mesh, slack, cut.anchor)
+    matrix, fine = _smoothed(crop, body.smoothing + cut.finer if body.smoothing else 0, cut.longest_mm)
     landmarks = _follow(body.landmarks, crop.vertices, (matrix @ crop.vertices)[: len(crop.vertices)])
-    cut = cut_above(fan_closed(mesh), floor_mm)
-    members = _vertex_map(mesh.vertices, cut.vertices)
-    regions = {}
-    for key, region in body.regions.items():
-        inside = np.isin(old_of_new, region.vertex_indices).astype(np.float64)
-        chosen = np.flatnonzero(matrix @ inside > 0.5)
-        kept = members[chosen]
-        if (kept >= 0).any():
-            regions[key] = region.at(kept[kept >= 0])
+    part = cut_within(fan_closed(fine), cut.planes, cut.anchor)
+    index = _vertex_map(fine.vertices, part.vertices)
+    regions = {
+        key: moved
+        for key, region in body.regions.items()
+        if (moved := _moved(region, matrix, old_of_new, index)) is not None
+    }
+    inside, clear = _box_within(part, cut.planes), _box_within(part, cut.planes, _CLEAR_MM)
     return replace(
         body,
-        name=f"{body.name} {name}",
-        mesh=Mesh(cut.vertices, cut.faces, f"{body.name} {name}"),
-        landmarks={key: point for key, point in landmarks.items() if point[2] >= floor_mm},
-        joints={key: point for key, point in body.joints.items() if _within(point, cut)},
+        name=name,
+        mesh=Mesh(part.vertices, part.faces, name),
+        landmarks={key: point for key, point in landmarks.items() if clear(point)},
+        joints={key: point for key, point in body.joints.items() if inside(point)},
         regions=regions,
         smoothing=0,
     )
 
 
-def _within(point: np.ndarray, mesh: Mesh) -> bool:
+def _moved(region: Region, matrix: csr_matrix, old_of_new: np.ndarray, index: np.ndarray) -> Region | None:
+    """The region on the part's mesh; None where it is not, or not wholly, part of it.
+
+    matrix : from the crop's vertices to the fine ones; old_of_new : the crop's in the body; index : of the fine
+    vertices in the part.
+    """
+    inside, emphasis = np.zeros(len(old_of_new)), np.zeros(len(old_of_new))
+    place = np.searchsorted(region.vertex_indices, old_of_new)
+    place = np.minimum(place, len(region.vertex_indices) - 1)
+    member = region.vertex_indices[place] == old_of_new
+    inside[member], emphasis[member] = 1.0, region.emphasis[place[member]]
+    share = matrix @ inside
+    chosen = np.flatnonzero(share > 0.5)
+    if member.sum() < len(region.vertex_indices) or (index[chosen] < 0).any():
+        return None
+    return region.at(index[chosen], (matrix @ emphasis)[chosen] / share[chosen])
+
+
+def _box_within(mesh: Mesh, planes: Sequence[Plane], clear_mm: float = 0.0) -> Callable[[np.ndarray], bool]:
+    """Whether a point lies in the box of `mesh`, on the kept side of the planes by `clear_mm`."""
     lower, upper = mesh.bounds
-    return bool((point >= lower).all() and (point <= upper).all())
+
+    def within(point: np.ndarray) -> bool:
+        boxed = (point >= lower - 1e-6).all() and (point <= upper + 1e-6).all()
+        return bool(boxed and all((point - at) @ normal >= clear_mm for at, normal in planes))
+
+    return within
 
 
-def _faces_above(mesh: Mesh, z_mm: float) -> tuple[Mesh, np.ndarray]:
-    """The faces with a corner above `z_mm`, and the old index of every vertex kept."""
-    keep = np.flatnonzero((mesh.corners[:, :, 2] > z_mm).any(1))
-    return mesh.submesh(keep), np.unique(mesh.faces[keep])
+def _crop(mesh: Mesh, planes: Sequence[Plane], anchor: np.ndarray) -> tuple[Mesh, np.ndarray]:
+    """The connected faces round `anchor` with a corner within every plane, and the old index of each vertex."""
+    keep = np.ones(len(mesh.faces), dtype=bool)
+    for point, normal in planes:
+        keep &= ((mesh.vertices - point) @ normal > 0.0)[mesh.faces].any(1)
+    faces = mesh.faces[keep]
+    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(mesh.vertices),) * 2)
+    _, label = connected_components(graph, directed=False)
+    used = np.unique(faces)
+    nearest = used[np.linalg.norm(mesh.vertices[used] - anchor, axis=1).argmin()]
+    kept = np.flatnonzero(keep)[label[faces[:, 0]] == label[nearest]]
+    return mesh.submesh(kept), np.unique(mesh.faces[kept])
 
 
-def _smoothed(mesh: Mesh, times: int) -> tuple[csr_matrix, Mesh]:
-    """`mesh` after Loop subdivision, with the matrix that carries vertex values to it."""
+def _smoothed(mesh: Mesh, times: int, longest_mm: float) -> tuple[csr_matrix, Mesh]:
+    """`mesh` after Loop subdivision and with long edges halved, and the matrix that carries vertex values to it."""
     matrix, faces = identity(len(mesh.vertices), format="csr"), mesh.faces
     for _ in range(times):
         step, faces = loop_matrix(faces, matrix.shape[0])
         matrix = step @ matrix
+    while np.isfinite(longest_mm):
+        step, halved = halving_matrix(matrix @ mesh.vertices, faces, longest_mm)
+        if len(halved) == len(faces):
+            break
+        matrix, faces = step @ matrix, halved
     return matrix, Mesh(matrix @ mesh.vertices, faces, mesh.name)
 
 
@@ -151,9 +183,15 @@ def fan_closed(mesh: Mesh) -> Mesh:
 
 
 def cut_above(mesh: Mesh, z_mm: float) -> Mesh:
-    """The largest piece of the closed `mesh` above z = `z_mm`, closed by a flat cap (manifold3d).
+    """The largest piece of the closed `mesh` above z = `z_mm`, closed by a flat cap."""
+    return cut_within(mesh, [(np.array([0.0, 0.0, z_mm]), np.array([0.0, 0.0, 1.0]))])
 
-    Raises `InputError` when `mesh` is not a closed manifold.
+
+def cut_within(mesh: Mesh, planes: Sequence[Plane], anchor: Float64[np.ndarray, "3"] | None = None) -> Mesh:
+    """The piece of the closed `mesh` within all planes that is nearest to `anchor` (without one the largest),
+    closed by flat caps (manifold3d).
+
+    Raises `InputError` when `mesh` is not a closed manifold, or lies wholly beyond a plane.
     """
     import manifold3d
 
@@ -161,13 +199,26 @@ def cut_above(mesh: Mesh, z_mm: float) -> Mesh:
         manifold3d.Mesh64(mesh.vertices.astype(np.float64), mesh.faces.astype(np.uint64))
     )
     if solid.status() != manifold3d.Error.NoError:
-        raise InputError(f"{mesh.name or 'the body'} is not a closed surface ({solid.status().name})")
-    pieces = solid.trim_by_plane((0.0, 0.0, 1.0), z_mm).decompose()
+        raise InputError(
+            f"{mesh.name or 'the body'} is not a closed surface ({solid.status().name})",
+            "Repair it in the program that made it.",
+        )
+    for point, normal in planes:
+        solid = solid.trim_by_plane(tuple(normal.tolist()), float(point @ normal))
+    pieces = solid.decompose()
     if not pieces:
-        raise InputError(f"{mesh.name or 'the body'} has nothing above z = {z_mm:.0f} mm")
-    largest = max(pieces, key=lambda piece: piece.volume()).to_mesh64()
-    vertices = np.array(largest.vert_properties[:, :3])
-    return Mesh(vertices, np.array(largest.tri_verts, dtype=np.int32), mesh.name)
+        raise InputError(
+            f"{mesh.name or 'the body'} lies wholly beyond where it would be cut",
+            "Check its landmarks: the cut is measured from them.",
+        )
+    meshes = [piece.to_mesh64() for piece in pieces]
+    if anchor is None:
+        chosen = max(range(len(pieces)), key=lambda index: pieces[index].volume())
+    else:
+        away = [np.linalg.norm(one.vert_properties[:, :3] - anchor, axis=1).min() for one in meshes]
+        chosen = int(np.argmin(away))
+    vertices = np.array(meshes[chosen].vert_properties[:, :3])
+    return Mesh(vertices, np.array(meshes[chosen].tri_verts, dtype=np.int32), mesh.name)
 
 
 def _vertex_map(before: np.ndarray, after: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from fabcraft.body.body import Body
-from fabcraft.body.region import head_region
+from fabcraft.body.region import Region, human_region
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 
@@ -31,8 +31,7 @@ class HumanModel:
     joint_names: tuple[str, ...]
     landmarks: Mapping[str, int]
     """Skin vertex of every landmark but the eye centres."""
-    regions: Mapping[str, np.ndarray]
-    """Skin vertices of every region."""
+    regions: Mapping[str, Region]
     presets: Mapping[str, Float32[np.ndarray, " K"]]
 
     def body(self, coefficients: Float32[np.ndarray, " K"], name: str) -> Body:
@@ -46,9 +45,8 @@ class HumanModel:
         joints = dict(zip(self.joint_names, points[count:], strict=True))
         landmarks = {key: points[index] for key, index in self.landmarks.items()}
         landmarks |= {key: joints.pop(key) for key in ("eye_left", "eye_right")}
-        regions = {key: head_region(key, members) for key, members in self.regions.items()}
         skin = Mesh(points[:count], self.faces, name)
-        return Body(name, skin, landmarks, regions, "human", joints, smoothing=1)
+        return Body(name, skin, landmarks, self.regions, "human", joints, smoothing=1)
 
 
 def human_model() -> HumanModel:
@@ -56,6 +54,7 @@ def human_model() -> HumanModel:
     with (files("fabcraft.body") / "human.npz").open("rb") as stream, np.load(stream) as arrays:
         model = {key: arrays[key] for key in arrays.files}
     basis = model["basis"] * model["scale"][:, None]
+    emphasis = _named(model, "emphasis_", np.float64)
     names = [str(name) for name in model["landmark_names"]]
     return HumanModel(
         model["mean"].reshape(-1, 3),
@@ -63,7 +62,12 @@ def human_model() -> HumanModel:
         model["faces"].astype(np.int32),
         tuple(str(name) for name in model["joint_names"]),
         dict(zip(names, (int(index) for index in model["landmark_vertices"]), strict=True)),
-        _named(model, "region_", np.int64),
+        {
+            key: human_region(
+                key, members, shares / 255.0 if (shares := emphasis.get(key)) is not None else None
+            )
+            for key, members in _named(model, "region_", np.int64).items()
+        },
         _named(model, "preset_", np.float32),
     )
 

@@ -5,7 +5,7 @@ Weights: C. Loop, "Smooth subdivision surfaces based on triangles", 1987, with W
 """
 
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Float64, Int32
 from scipy.sparse import coo_matrix, csr_matrix
 
 
@@ -58,3 +58,33 @@ def _vertex_rows(edges, inner, vertex_count):
         np.concatenate([index, pairs[:, 1]]),
         np.concatenate([own, weight]),
     )
+
+
+def halving_matrix(
+    vertices: Float64[np.ndarray, "V 3"], faces: Int32[np.ndarray, "F 3"], longest_mm: float
+) -> tuple[csr_matrix, Int32[np.ndarray, "G 3"]]:
+    """One step that halves every edge longer than `longest_mm`; the surface stays where it is.
+
+    Returns (S, new_faces): S (V + M, V) appends the middles of the M long edges; faces without one are kept.
+    """
+    ends = faces[:, [[1, 2], [2, 0], [0, 1]]]  # edge k is opposite corner k
+    edges, edge_of_half = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    long = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1) > longest_mm
+    place = np.where(long, len(vertices) + np.cumsum(long) - 1, -1)
+    middles = place[edge_of_half.reshape(-1, 3)]
+    new = [faces[(middles < 0).all(1)]]
+    for first in range(3):  # corner a opposite the only long edge, or opposite the only short one
+        (a, b, c), (p, q, r) = np.roll(faces, -first, 1).T, np.roll(middles, -first, 1).T
+        one = (p >= 0) & (q < 0) & (r < 0)
+        two = (p < 0) & (q >= 0) & (r >= 0)
+        new += [np.stack(corners, 1)[one] for corners in ((a, b, p), (a, p, c))]
+        new += [np.stack(corners, 1)[two] for corners in ((a, r, q), (r, b, c), (r, c, q))]
+    three = (middles >= 0).all(1)
+    (a, b, c), (p, q, r) = faces[three].T, middles[three].T
+    new += [np.stack(corners, 1) for corners in ((a, r, q), (r, b, p), (q, p, c), (p, q, r))]
+    count, added = len(vertices), int(long.sum())
+    rows = np.concatenate([np.arange(count), np.repeat(count + np.arange(added), 2)])
+    columns = np.concatenate([np.arange(count), edges[long].ravel()])
+    weights = np.concatenate([np.ones(count), np.full(2 * added, 0.5)])
+    matrix = coo_matrix((weights, (rows, columns)), shape=(count + added, count)).tocsr()
+    return matrix, np.concatenate(new).astype(np.int32)
