@@ -113,11 +113,10 @@ def outward(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
     if fan_closed(Mesh(mesh.vertices, faces, mesh.name)).volume_mm3 < 0:
         faces = faces[:, ::-1]
     share = float(_turned(mesh.faces, faces).mean())
-    if share > 0.99:
-        note = ("The scan was inside out; all its triangles were turned round.",)
-    else:
-        note = (f"Triangles that looked inward were turned round: {share:.1%}.",) if share else ()
-    return Mesh(mesh.vertices, faces, mesh.name), note
+    said = "The scan was inside out; all its triangles were turned round."
+    if share <= 0.99:
+        said = f"Triangles that looked inward were turned round: {share:.1%}."
+    return Mesh(mesh.vertices, faces, mesh.name), (said,) if share else ()
 
 
 def _turned(before: Int32[np.ndarray, "F 3"], after: Int32[np.ndarray, "F 3"]) -> Bool[np.ndarray, " F"]:

@@ -4,15 +4,18 @@ Every part is cut from the model, smoothed by the same Loop step as `Body.part`,
 x = mean + B c, so that fitting it to a scan yields the person's coefficients.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float64, Int32, Int64
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fabcraft.body.human import HumanModel
+from fabcraft.body.region import Region
+from fabcraft.geometry.align import spread_points
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.mesh import Mesh
 
@@ -27,6 +30,7 @@ ASKED: Mapping[str, tuple[Kind, ...]] = {
 } | {kind: (kind,) for kind in KINDS}
 """What `--body-kind` may say, and which parts it means."""
 
+_SAMPLES = 3000
 _NECK_MM, _LEG_MM = 130.0, 110.0
 """How much is fitted below the neck root, and above the ankle joint of an adult."""
 
@@ -43,9 +47,14 @@ class PartModel:
     joint_names: tuple[str, ...]
     landmarks: Mapping[str, int]
     """Row of `mean` of every landmark."""
-    regions: Mapping[str, Int64[np.ndarray, " N"]]
+    regions: Mapping[str, Region]
+    """Those that lie wholly on the part."""
     zone: Int64[np.ndarray, " Z"]
     """The vertices by which a fit is judged: face, hand, foot, or everything."""
+    samples: Int64[np.ndarray, " S"]
+    """Vertices, evenly spread, that stand for the skin."""
+    zone_samples: Int64[np.ndarray, " T"]
+    """The same for the zone."""
 
     @property
     def skin(self) -> int:
@@ -73,6 +82,19 @@ class PartModel:
             return np.array([0.0, 0.0, -1.0]), float(at[f"foot{side}"][2] - skin[:, 2].min())
         window = 200.0 if self.kind == "head" else float(np.ptp(skin[:, 2]))
         return np.array([0.0, 0.0, 1.0]), window
+
+    def frame(
+        self, points: Float64[np.ndarray, "P 3"]
+    ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+        """(up, front), unit vectors: out of the crown or the leg and along the look or the toes; of a hand, out of
+        its back and along its fingers."""
+        if not self.kind.startswith("hand"):
+            return np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+        side, along = self.kind.removeprefix("hand"), self.axis(points)[0]
+        at = dict(zip(self.joint_names, points[self.skin :], strict=True))
+        across = at[f"finger2_1{side}"] - at[f"finger5_1{side}"]
+        back = np.cross(along, across) if side == "_left" else np.cross(across, along)
+        return back / np.linalg.norm(back), along
 
 
 def part_model(model: HumanModel, kind: Kind) -> PartModel:
@@ -103,8 +125,9 @@ def part_model(model: HumanModel, kind: Kind) -> PartModel:
     skin = len(mean) - len(names)
     landmarks |= {key: skin + names.index(key) for key in ("eye_left", "eye_right") if key in names}
     regions = {
-        key: np.flatnonzero(smoothed(np.isin(kept, members).astype(np.float64)) > 0.5)
-        for key, members in model.regions.items()
+        key: _carried(region, kept, smoothed)
+        for key, region in model.regions.items()
+        if np.isin(region.vertex_indices, kept).all()
     }
     part = PartModel(
         kind,
@@ -113,10 +136,23 @@ def part_model(model: HumanModel, kind: Kind) -> PartModel:
         faces,
         names,
         landmarks,
-        {key: members for key, members in regions.items() if len(members)},
+        regions,
+        np.arange(skin),
+        spread_points(mean[:skin], _SAMPLES),
         np.arange(skin),
     )
-    return PartModel(**{**part.__dict__, "zone": _zone(part, arranged(adult))})
+    zone = _zone(part, arranged(adult))
+    return replace(part, zone=zone, zone_samples=zone[spread_points(mean[zone], _SAMPLES)])
+
+
+def _carried(region: Region, kept: np.ndarray, smoothed: Callable[[np.ndarray], np.ndarray]) -> Region:
+    """The region on the part's own vertices, its emphasis smoothed with them."""
+    inside, emphasis = np.zeros(len(kept)), np.zeros(len(kept))
+    place = np.searchsorted(kept, region.vertex_indices)
+    inside[place], emphasis[place] = 1.0, region.emphasis
+    share = smoothed(inside)
+    chosen = np.flatnonzero(share > 0.5)
+    return region.at(chosen, smoothed(emphasis)[chosen] / share[chosen])
 
 
 def _cut(kind: Kind, skin: np.ndarray, at: Mapping[str, np.ndarray]) -> tuple[np.ndarray, int]:
@@ -137,8 +173,6 @@ def _cut(kind: Kind, skin: np.ndarray, at: Mapping[str, np.ndarray]) -> tuple[np
 
 def _connected(faces: np.ndarray, inside: np.ndarray, seed: int) -> np.ndarray:
     """The faces whose corners are all `inside` and hang together with the vertex `seed`."""
-    from scipy.sparse import coo_matrix
-
     mine = inside[faces].all(1)
     edges = faces[mine][:, [0, 1, 1, 2]].reshape(-1, 2)
     graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(inside),) * 2)

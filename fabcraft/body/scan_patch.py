@@ -87,7 +87,9 @@ def _plate(whole: Mesh, old_faces: int, loop: Int64[np.ndarray, " N"]) -> Mesh:
     away = cKDTree(rim).query(whole.vertices, distance_upper_bound=_BAND_EDGES * edge)[0]
     band = np.zeros(len(whole.vertices), dtype=bool)
     band[used] = np.isfinite(away[used])
-    chosen = np.concatenate([band[whole.faces[:old_faces]].all(1), np.ones(len(whole.faces) - old_faces, bool)])
+    chosen = np.concatenate(
+        [band[whole.faces[:old_faces]].all(1), np.ones(len(whole.faces) - old_faces, bool)]
+    )
     rows, compact = np.unique(whole.faces[chosen], return_inverse=True)
     faces = compact.reshape(-1, 3)
     bound = band[rows].astype(np.float64)  # the patch's own points are free

@@ -1,6 +1,6 @@
 """Which way a scan lies: a part of the model laid onto it from everywhere.
 
-1,200 rotations spread evenly (M. Alexa, "Super-Fibonacci spirals", CVPR 2022) times three sizes are judged by distance
+1,200 rotations spread evenly (M. Alexa, "Super-Fibonacci spirals", CVPR 2022) times two sizes are judged by distance
 grids alone; the best are refined by ICP over positions and normals.  A scan may go on beyond the part (shoulders,
 forearm, leg), so only its end that every such scan has is looked at: crown, finger tips, sole.
 """
@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 from fabcraft.geometry.align import Similarity, similarity_icp, spread_points
 
 _ROTATIONS = 1200
-_SIZES = (0.78, 0.95, 1.12)
-"""Sizes tried, against the adult."""
-SIZE_RANGE = (0.55, 1.4)
-"""Sizes that a person's part may have, against the adult."""
+_SIZES = (0.88, 1.05)
+"""Sizes tried, against the person at the start."""
+SIZE_RANGE = (0.6, 1.4)
+"""Sizes that a person's part may have, against the person at the start."""
 _FEW, _POINTS = 250, 500
 _CELLS = 56
 _FAR = 0.15
@@ -34,6 +34,8 @@ class Cloud:
 
     def thinned(self, count: int) -> "Cloud":
         """At most `count` of them, evenly spread."""
+        if len(self.points) <= count:
+            return self
         chosen = spread_points(self.points, count)
         return Cloud(self.points[chosen], self.normals[chosen])
 
@@ -47,7 +49,7 @@ class Looked:
     length: float
 
 
-def even_rotations(count: int) -> Float64[np.ndarray, "N 3 3"]:
+def even_rotations(count: int = _ROTATIONS) -> Float64[np.ndarray, "N 3 3"]:
     """`count` rotations spread evenly over all, as matrices."""
     s = np.arange(count) + 0.5
     inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
@@ -62,20 +64,33 @@ def even_rotations(count: int) -> Float64[np.ndarray, "N 3 3"]:
 
 
 def placements(
-    part: Looked, scan: Cloud, rotations: Float64[np.ndarray, "N 3 3"], sizes: tuple[float, ...] = _SIZES
+    part: Looked, scan: Cloud, rotations: Float64[np.ndarray, "N 3 3"]
 ) -> list[tuple[float, Similarity]]:
     """(misfit, similarity from part to scan), best first; misfit is a distance over the part's size.
 
-    rotations : from the part's frame to the scan's.
+    rotations : to be tried, from the part's frame to the scan's.
     """
+    few, points, starts = _begun(part, scan, rotations, 24, 18.0)
+    promising = _distinct([place for _, place in _refined(few, points, starts, 6)], 6, 8.0)
+    return _refined(few, points, promising, 25)
+
+
+def best_start(part: Looked, scan: Cloud, rotations: Float64[np.ndarray, "N 3 3"]) -> float:
+    """The misfit of the best placement after a short refinement, by which kinds of part are told apart."""
+    few, points, starts = _begun(part, scan, rotations, 10, 25.0)
+    return _refined(few, points, starts, 8)[0][0]
+
+
+def _begun(
+    part: Looked, scan: Cloud, rotations: Float64[np.ndarray, "N 3 3"], count: int, apart_deg: float
+) -> tuple[Looked, Cloud, list[Similarity]]:
+    """(the part and the scan in few points, the best placements by distance grids)."""
     few = Looked(part.cloud.thinned(_POINTS), part.axis, part.length)
     points = scan.thinned(_POINTS)
     fewer, sparse = Looked(few.cloud.thinned(_FEW), part.axis, part.length), points.thinned(_FEW)
-    rough = [pair for size in sizes for pair in _judged(fewer, sparse.points, rotations, size)]
+    rough = [pair for size in _SIZES for pair in _judged(fewer, sparse.points, rotations, size)]
     rough.sort(key=lambda pair: pair[0])
-    starts = _distinct([place for _, place in rough], 24, 18.0)
-    promising = _distinct([place for _, place in _refined(few, points, starts, 6)], 6, 8.0)
-    return _refined(few, points, promising, 25)
+    return few, points, _distinct([place for _, place in rough], count, apart_deg)
 
 
 def _judged(
