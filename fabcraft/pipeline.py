@@ -26,7 +26,7 @@ from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
 from fabcraft.solid.orient import onto_bed
 from fabcraft.template.template import Template
-from fabcraft.wearer import find_body, require_wearable
+from fabcraft.wearer import body_of, require_wearable
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
             read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
         )
     with clock.stage("body"):
-        body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
+        body = body_of(recipe)
         require_wearable(body, recipe.template)
         body = with_contacts(body, contacts)
     shaped = _road(recipe)(recipe, inputs, body, profile, clock)
@@ -82,8 +82,8 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     report = replace(
         found,
         findings=(*found.findings, *shaped.findings, *_said(shaped, body)),
-        route=(*shaped.route, f"laid on the bed {placed.words}"),
-        metrics={**found.metrics, **shaped.metrics},
+        route=(*_person(body), *shaped.route, f"laid on the bed {placed.words}"),
+        metrics={**found.metrics, **shaped.metrics, **_measured(body)},
         seconds=clock.seconds,
     )
     return Made(
@@ -100,6 +100,22 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         clearance_mm=clearance,
         interrupted=shaped.interrupted,
     )
+
+
+def _person(body: Body) -> tuple[str, ...]:
+    """The asked measures, in a line of the route; nothing when none were asked."""
+    told = [
+        f"{name.replace('_', ' ')} {f'{one.words}, ' if one.words else ''}{one.asked_mm:.1f} mm asked, "
+        f"{one.reached_mm:.1f} reached"
+        for name, one in body.measures.items()
+    ]
+    return (f"{body.name} of the measures given: {'; '.join(told)}",) if told else ()
+
+
+def _measured(body: Body) -> dict[str, float]:
+    """Asked and reached measures for the report, mm."""
+    asked = {f"measure_{name}_asked_mm": one.asked_mm for name, one in body.measures.items()}
+    return asked | {f"measure_{name}_mm": one.reached_mm for name, one in body.measures.items()}
 
 
 def _said(shaped: Shaped, body: Body) -> list[Finding]:

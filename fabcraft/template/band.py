@@ -66,11 +66,16 @@ class Profile:
         outer_corner = half - radius_out * (1.0 - np.cos(turn)), high - radius_out * (1.0 - np.sin(turn))
         outer_v = (half - radius_out) * (1.0 - side)
         v = np.concatenate([inner_v, inner_corner[0], outer_corner[0], outer_v], axis=1)
-        w = np.concatenate([low + 0.0 * inner_v, inner_corner[1], outer_corner[1], high + 0.0 * outer_v], axis=1)
+        w = np.concatenate(
+            [low + 0.0 * inner_v, inner_corner[1], outer_corner[1], high + 0.0 * outer_v], axis=1
+        )
         share = (w - low) / (high - low)
         dome = (1.0 - share) * self.inner_crown_mm - share * self.outer_crown_mm
         half_turn = np.stack([v, w + dome * (v / half) ** 2], axis=2)
-        back = half_turn[:, :0:-1] * [-1.0, 1.0]  # the other half is the mirror image, from the outer middle back
+        back = half_turn[:, :0:-1] * [
+            -1.0,
+            1.0,
+        ]  # the other half is the mirror image, from the outer middle back
         whole = np.concatenate([half_turn, np.stack([0.0 * high, high], axis=2), back], axis=1)
         whole[:, :, 1] -= self.taper * whole[:, :, 0]
         return whole

@@ -41,7 +41,8 @@ class Kind:
             if one.choices and not (isinstance(value, int | float) and one.low < one.high):
                 if value not in one.choices:
                     raise InputError(
-                        f"{name} = {value} was asked of a {self.name}", f"Choose {' or '.join(one.choices)}: {one.meaning}."
+                        f"{name} = {value} was asked of a {self.name}",
+                        f"Choose {' or '.join(one.choices)}: {one.meaning}.",
                     )
             elif isinstance(value, int | float) and not one.low <= value <= one.high:
                 raise InputError(

@@ -105,7 +105,9 @@ def _smooth_line(
     """Middles without jitter, beginning in the direction `start` and going on straight past their end."""
     before = middles[0] - step * start * np.arange(_RUN_UP, 0, -1)[:, None]
     last = middles[-1] - middles[-min(4, len(middles))]
-    beyond = middles[-1] + step * last / np.linalg.norm(last) * np.arange(1, count + 1 - len(middles))[:, None]
+    beyond = (
+        middles[-1] + step * last / np.linalg.norm(last) * np.arange(1, count + 1 - len(middles))[:, None]
+    )
     whole = gaussian_filter1d(np.concatenate([before, middles, beyond]), 2.0, axis=0, mode="nearest")
     whole[_RUN_UP] = middles[0]
     return whole[_RUN_UP:]

@@ -151,9 +151,7 @@ class _Face:
     faces: Int32[np.ndarray, "F 3"]
 
 
-def _face(
-    borders: Sequence[_Row], edge_mm: float, half: bool
-) -> tuple[_Face, list[Int64[np.ndarray, " _"]]]:
+def _face(borders: Sequence[_Row], edge_mm: float, half: bool) -> tuple[_Face, list[Int64[np.ndarray, " _"]]]:
     """One face of the plate, and the vertices of its borders in the order of their rows."""
     loops = [row.places[:, :2] for row in borders]
     own = len(loops[0])
@@ -164,7 +162,8 @@ def _face(
     flat = triangulate(loops, edge_mm, resampled=True)
     if [len(loop) for loop in flat.loops] != [len(loop) for loop in loops]:
         raise SolidError(
-            f"the plate is too narrow somewhere for edges of {edge_mm:g} mm", "Make it wider, or ask for shorter edges."
+            f"the plate is too narrow somewhere for edges of {edge_mm:g} mm",
+            "Make it wider, or ask for shorter edges.",
         )
     return _Face(flat.points, flat.faces), [flat.loops[0][:own], *flat.loops[1:]]
 
@@ -184,5 +183,7 @@ def _strip(
     order = np.argsort(np.concatenate([first_shares[1:], second_shares[1:]]), kind="stable")
     on_first = order < len(first) - 1
     i, j = np.cumsum(on_first) - on_first, np.cumsum(~on_first) - ~on_first
-    third = np.where(on_first, first[np.minimum(i + 1, len(first) - 1)], second[np.minimum(j + 1, len(second) - 1)])
+    third = np.where(
+        on_first, first[np.minimum(i + 1, len(first) - 1)], second[np.minimum(j + 1, len(second) - 1)]
+    )
     return np.stack([first[i], second[j], third], 1)

@@ -44,7 +44,9 @@ def build(body: Body, settings: Settings) -> Template:
     knuckle_mm = float(chosen.get("knuckle", _knuckle_mm(part, hand)))
     scale = seat_mm / FINGER_MM
     width = float(chosen.get("width", 6.0 * scale))
-    wall = float(chosen.get("thickness", max(LEAST_WALL_MM, 0.02 * seat_mm) if body.kind == "character" else WALL_MM))
+    wall = float(
+        chosen.get("thickness", max(LEAST_WALL_MM, 0.02 * seat_mm) if body.kind == "character" else WALL_MM)
+    )
     bezel = float(chosen.get("bezel", min(1.0, scale)))
     gap = part.clearance_mm(float(np.interp(width, [4.0, 6.0], [0.1, 0.2])))
 
@@ -73,7 +75,9 @@ def build(body: Body, settings: Settings) -> Template:
         motifs=(_bezel(rolled, width, wall + bezel, scale),),
         listed_mm=(gap, gap + 0.1),
         parameters={"width": width, "thickness": wall, "bezel": bezel, "size": inside, "knuckle": knuckle_mm},
-        notes=(f"The ring's inner girth is {inside:.1f} mm: ISO {inside:.0f}, US {(inside - 36.5) / 2.55:.2g}.",),
+        notes=(
+            f"The ring's inner girth is {inside:.1f} mm: ISO {inside:.0f}, US {(inside - 36.5) / 2.55:.2g}.",
+        ),
     )
 
 
@@ -86,7 +90,9 @@ def circumference_mm(size: str | float) -> float:
         return float(size)
     match = re.fullmatch(r"(ISO|EU|US|CH|IT|ES) ?(\d{1,2}(?:\.\d{1,2})?)", size.strip(), re.IGNORECASE)
     if match is None:
-        raise InputError(f"there is no ring size '{size}'", 'Write "US 7", "ISO 54", "CH 14", or the inner girth in mm.')
+        raise InputError(
+            f"there is no ring size '{size}'", 'Write "US 7", "ISO 54", "CH 14", or the inner girth in mm.'
+        )
     system, number = match[1].upper(), float(match[2])
     return 36.5 + 2.55 * number if system == "US" else number if system in ("ISO", "EU") else number + 40.0
 
