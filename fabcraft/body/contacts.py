@@ -10,7 +10,7 @@ row by row: other numbers for a region, or a place of its own, as TOML (or the s
     [[contact]]
     point = [31, -92, 1610]      # mm, or the name of a landmark
     name = "scar"
-    radius_mm = 8                # along the skin
+    radius_mm = 8
     never_closer_mm = 5
 
 Left-out numbers keep the region's rule; a place of its own that no weight is given for is kept clear of.
@@ -54,7 +54,7 @@ class Contact:
     name: str = ""
     """What a place of its own is called."""
     radius_mm: float | None = None
-    """Reach of a place of its own along the skin."""
+    """Reach of a place of its own."""
     weight: float | None = None
     """How strongly the object is to rest there; 0: not at all."""
     gap_mm: float | None = None
@@ -121,20 +121,22 @@ def resting_on(body: Body, usual: Sequence[str]) -> tuple[str, ...]:
 def skin_disc(
     mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: float
 ) -> Int64[np.ndarray, " M"]:
-    """Vertices within `radius_mm` of one of the points, measured along the skin; at least the nearest to each.
+    """Vertices within `radius_mm` of one of the points, and joined to it by skin; at least the nearest to each.
 
-    Paths run along edges, so a disc reaches a few per cent less far across them than along them.
+    Paths run along edges and so are up to a third longer than the way along the skin: they only keep out what lies across
+    a gap, such as the other lip.
     """
     vertices = mesh.vertices
     seeds = cKDTree(vertices).query(points)[1]
-    near = cKDTree(vertices[seeds]).query(vertices, distance_upper_bound=radius_mm)[0] < np.inf
+    near = cKDTree(vertices[seeds]).query(vertices, distance_upper_bound=1.01 * radius_mm)[0] <= radius_mm
     faces = mesh.faces[near[mesh.faces].any(1)]
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
     # every edge inside is there once in each direction, so no length is added up twice
     graph = coo_matrix((lengths, ends.T), shape=(len(vertices),) * 2).tocsr()
-    reach = dijkstra(graph, directed=False, indices=np.unique(seeds), min_only=True, limit=radius_mm)
-    return np.flatnonzero(np.isfinite(reach))
+    reach = dijkstra(graph, directed=False, indices=np.unique(seeds), min_only=True, limit=1.5 * radius_mm)
+    near[seeds] = True
+    return np.flatnonzero(np.isfinite(reach) & near)
 
 
 def _table(path: Path) -> Mapping[str, Any]:
@@ -183,6 +185,8 @@ def _contact(row: Any, where: str) -> Contact:
         value = row.get(key, low)
         if not _number(value) or not low <= value <= high:
             raise InputError(f"{where}: {key} is {value!r}", f"Give a number from {low:g} to {high:g}.")
+        if key in row:
+            row = {**row, key: float(value)}
     if "point" in row and not isinstance(row["point"], str):
         point = row["point"]
         if not isinstance(point, list) or len(point) != 3 or not all(map(_number, point)):
