@@ -37,7 +37,7 @@ MAN_MM = {"breadth": 154.0, "height": 232.0, "wrist": 56.0, "foot": 271.0}
 """A median man's (ANSUR II, 2012): head breadth, vertex to menton, wrist girth over pi, foot length."""
 
 
-def character(name: str, height_mm: float = 0.0) -> Body:
+def character(name: str, height_mm: float | int = 0.0) -> Body:
     """The character called `name`, `height_mm` tall (0: its own desk-toy height); about a second.
 
     Raises `InputError` for another name, or a height outside 60-2500 mm.

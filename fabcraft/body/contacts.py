@@ -10,7 +10,7 @@ row by row: other numbers for a region, or a place of its own, as TOML (or the s
     [[contact]]
     point = [31, -92, 1610]      # mm, or the name of a landmark
     name = "scar"
-    radius_mm = 8                # along the skin
+    radius_mm = 8
     never_closer_mm = 5
 
 Left-out numbers keep the region's rule; a place of its own that no weight is given for is kept clear of.
@@ -37,12 +37,7 @@ from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 
 MAX_BYTES, MAX_ROWS = 1_000_000, 200
-RANGES = {
-    "weight": (0.0, 10.0),
-    "gap_mm": (0.0, 50.0),
-    "never_closer_mm": (-1.0, 50.0),
-    "radius_mm": (0.5, 150.0),
-}
+RANGES = {"weight": (0.0, 10.0), "gap_mm": (0.0, 50.0), "never_closer_mm": (-1.0, 50.0), "radius_mm": (0.5, 150.0)}
 """Least and greatest value of each number of a row."""
 RADIUS_MM, GAP_MM = 8.0, 1.0
 """Of a place of its own, when the row does not say; on a character they scale with it."""
@@ -59,7 +54,7 @@ class Contact:
     name: str = ""
     """What a place of its own is called."""
     radius_mm: float | None = None
-    """Reach of a place of its own along the skin."""
+    """Reach of a place of its own."""
     weight: float | None = None
     """How strongly the object is to rest there; 0: not at all."""
     gap_mm: float | None = None
@@ -79,9 +74,7 @@ def read_contacts(path: Path | str) -> tuple[Contact, ...]:
     rows = table.get("contact")
     if unknown or not isinstance(rows, list) or not rows:
         given = f"the key {unknown[0]!r}" if unknown else "no list of contacts"
-        raise InputError(
-            f"{path.name} has {given}; rows called contact were expected", "Begin each with [[contact]]."
-        )
+        raise InputError(f"{path.name} has {given}; rows called contact were expected", "Begin each with [[contact]].")
     if len(rows) > MAX_ROWS:
         raise InputError(f"{path.name} has {len(rows)} contacts", f"Give at most {MAX_ROWS}.")
     return tuple(_contact(row, f"{path.name}, contact {number}") for number, row in enumerate(rows, 1))
@@ -125,21 +118,25 @@ def resting_on(body: Body, usual: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in wanted if body.regions[name].weight > 0.0)
 
 
-def skin_disc(mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: float) -> Int64[np.ndarray, " M"]:
-    """Vertices within `radius_mm` of one of the points, measured along the skin; at least the nearest to each.
+def skin_disc(
+    mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: float
+) -> Int64[np.ndarray, " M"]:
+    """Vertices within `radius_mm` of one of the points, and joined to it by skin; at least the nearest to each.
 
-    Paths run along edges, so a disc reaches a few per cent less far across them than along them.
+    Paths run along edges and so are up to a third longer than the way along the skin: they only keep out what lies across
+    a gap, such as the other lip.
     """
     vertices = mesh.vertices
     seeds = cKDTree(vertices).query(points)[1]
-    near = cKDTree(vertices[seeds]).query(vertices, distance_upper_bound=radius_mm)[0] < np.inf
+    near = cKDTree(vertices[seeds]).query(vertices, distance_upper_bound=1.01 * radius_mm)[0] <= radius_mm
     faces = mesh.faces[near[mesh.faces].any(1)]
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
     # every edge inside is there once in each direction, so no length is added up twice
     graph = coo_matrix((lengths, ends.T), shape=(len(vertices),) * 2).tocsr()
-    reach = dijkstra(graph, directed=False, indices=np.unique(seeds), min_only=True, limit=radius_mm)
-    return np.flatnonzero(np.isfinite(reach))
+    reach = dijkstra(graph, directed=False, indices=np.unique(seeds), min_only=True, limit=1.5 * radius_mm)
+    near[seeds] = True
+    return np.flatnonzero(np.isfinite(reach) & near)
 
 
 def _table(path: Path) -> Mapping[str, Any]:
@@ -149,20 +146,15 @@ def _table(path: Path) -> Mapping[str, Any]:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(
-                f"{path} is {path.stat().st_size:,} bytes; a contact file has a few hundred",
-                "Check the path.",
+                f"{path} is {path.stat().st_size:,} bytes; a contact file has a few hundred", "Check the path."
             )
         text = path.read_text("utf-8")
     except FileNotFoundError:
         raise InputError(f"there is no contact file {path}", "Check the path.") from None
     except UnicodeDecodeError:
-        raise InputError(
-            f"{path} is not text; contacts in TOML or JSON were expected", "Check the path."
-        ) from None
+        raise InputError(f"{path} is not text; contacts in TOML or JSON were expected", "Check the path.") from None
     except OSError as error:
-        raise InputError(
-            f"{path} cannot be read: {error.strerror}", "Check the path and its permissions."
-        ) from None
+        raise InputError(f"{path} cannot be read: {error.strerror}", "Check the path and its permissions.") from None
     try:
         table = tomllib.loads(text) if kind == ".toml" else json.loads(text)
     except (tomllib.TOMLDecodeError, json.JSONDecodeError, RecursionError) as error:
@@ -188,19 +180,17 @@ def _contact(row: Any, where: str) -> Contact:
     if bool(row.get("region")) == ("point" in row):
         raise InputError(f"{where}: one of region and point was expected", "Say where it is, in one way.")
     if row.get("region") and ("radius_mm" in row or "name" in row):
-        raise InputError(
-            f"{where}: a region has its own size and name", "Leave out radius_mm and name, or give a point."
-        )
+        raise InputError(f"{where}: a region has its own size and name", "Leave out radius_mm and name, or give a point.")
     for key, (low, high) in RANGES.items():
         value = row.get(key, low)
         if not _number(value) or not low <= value <= high:
             raise InputError(f"{where}: {key} is {value!r}", f"Give a number from {low:g} to {high:g}.")
+        if key in row:
+            row = {**row, key: float(value)}
     if "point" in row and not isinstance(row["point"], str):
         point = row["point"]
         if not isinstance(point, list) or len(point) != 3 or not all(map(_number, point)):
-            raise InputError(
-                f"{where}: point is {point!r}", "Give [x, y, z] in mm, or the name of a landmark."
-            )
+            raise InputError(f"{where}: point is {point!r}", "Give [x, y, z] in mm, or the name of a landmark.")
         row = {**row, "point": tuple(float(value) for value in point)}
     return Contact(**row)
 
@@ -222,9 +212,7 @@ def _known(name: str, named: Mapping[str, Any], body: Body, kind: str) -> Any:
 
 def _place(row: Contact, body: Body, name: str) -> Region:
     """The skin round a point of the user's, to be kept clear of unless the row says otherwise."""
-    point = np.array(
-        _known(row.point, body.landmarks, body, "landmark") if isinstance(row.point, str) else row.point
-    )
+    point = np.array(_known(row.point, body.landmarks, body, "landmark") if isinstance(row.point, str) else row.point)
     radius_mm = row.radius_mm or RADIUS_MM
     away, vertex = cKDTree(body.mesh.vertices).query(point)
     longest = float(np.linalg.norm(np.diff(body.mesh.corners[:, [0, 1, 2, 0]], axis=1), axis=2).max())

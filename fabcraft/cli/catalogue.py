@@ -146,7 +146,7 @@ def show_body(
     from fabcraft.body.measures import folded_hands, measured
     from fabcraft.wearer import find_body
 
-    whole = find_body(body, body_units or "", parse(measure))
+    whole = find_body(body, body_units or "", measures=parse(measure))
     measures = measured(whole) | folded_hands(whole)
     told: dict[str, Any] = {
         "body": whole.name,

@@ -37,10 +37,15 @@ class Shape:
         return _length(points - self.centre) - self.radius
 
 
+def point(place: Point | np.ndarray) -> Float64[np.ndarray, "3"]:
+    """A point as an array."""
+    return np.array(place, dtype=np.float64)
+
+
 def ellipsoid(centre: Point, radii: Point, turn_deg: Point = UNTURNED) -> Shape:
     """An ellipsoid; `turn_deg` turns it about x, then y, then z."""
     axes = Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix() / np.array(radii)
-    middle, inverse = np.array(centre, dtype=np.float64), 1.0 / np.array(radii)
+    middle, inverse = point(centre), 1.0 / np.array(radii)
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = (points - middle) @ axes
@@ -52,7 +57,7 @@ def ellipsoid(centre: Point, radii: Point, turn_deg: Point = UNTURNED) -> Shape:
 
 def ball(centre: Point, radius: Number) -> Shape:
     """A ball."""
-    middle = np.array(centre, dtype=np.float64)
+    middle = point(centre)
     return Shape(lambda points: _length(points - middle) - radius, middle, float(radius))
 
 
@@ -119,7 +124,7 @@ def _round_cone(a: np.ndarray, b: np.ndarray, radius_a: Number, radius_b: Number
 
 def box(centre: Point, half: Point, rounding: Number, narrowing: Number = 0.0) -> Shape:
     """A box with edges rounded by `rounding`; its half width in x shrinks by the share `narrowing` to the top."""
-    middle = np.array(centre, dtype=np.float64)
+    middle = point(centre)
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = points - middle
@@ -133,7 +138,7 @@ def box(centre: Point, half: Point, rounding: Number, narrowing: Number = 0.0) -
 
 def drum(centre: Point, radius: Number, half_height: Number, rounding: Number) -> Shape:
     """An upright cylinder with rounded rims."""
-    middle = np.array(centre, dtype=np.float64)
+    middle = point(centre)
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = points - middle
