@@ -1,5 +1,6 @@
 """The body that a recipe names: a person, a character, or a scan."""
 
+import tempfile
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
@@ -41,16 +42,30 @@ def find_body(
     if name in PRESETS:
         return human(name, measures)
     if is_file:
-        from fabcraft.body.scan import ScanSettings, scan
-
         known = {key: value for key, value in scanned.items() if value}
-        return scan(path, ScanSettings(units=units, **known))
+        return _scanned(path, {"units": units, **known})
     known_names = (*PRESETS, *CHARACTERS)
     close = get_close_matches(name, known_names, n=1)
     raise InputError(
         f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
         f"Choose one of: {', '.join(known_names)}; or give the path of a scan.",
     )
+
+
+def _scanned(path: Path, known: Mapping[str, str]) -> Body:
+    """The scan in a file; where nobody is found in it, the error names a picture of what was."""
+    from fabcraft.body.scan import NotFoundError, ScanSettings, scan
+
+    try:
+        return scan(path, ScanSettings(**known))
+    except NotFoundError as error:
+        from fabcraft.write.atomic import write_atomically
+        from fabcraft.write.bodies import body_picture
+        from fabcraft.write.picture import png_bytes
+
+        place = Path(tempfile.mkdtemp(prefix="fabcraft-")) / f"{path.stem}-found.png"
+        write_atomically(place, png_bytes(body_picture(error.found)))
+        raise InputError(f"{error.message}; a picture of what was found: {place}", error.next_step) from None
 
 
 def body_of(recipe: Recipe) -> Body:

@@ -69,9 +69,14 @@ def girth(mesh: Mesh, point: Float64[np.ndarray, "3"], normal: Float64[np.ndarra
 
 
 def extent(mesh: Mesh, direction: Float64[np.ndarray, "3"], among: Bool[np.ndarray, " V"]) -> Tape:
-    """The calliper distance between the extreme vertices of `among` along `direction`."""
+    """The calliper distance between the extreme vertices of `among` along `direction`.
+
+    Raises `InputError` when there are none, as above the ears of a character whose ears end above its head.
+    """
     direction = direction / np.linalg.norm(direction)
     places = np.flatnonzero(among)
+    if not len(places):
+        raise InputError(f"{mesh.name or 'the body'} has no skin to measure there", "Leave this measure out.")
     along = mesh.vertices[places] @ direction
     ends = places[[along.argmin(), along.argmax()]]
     return Tape(
