@@ -23,9 +23,11 @@ _DOT, _LINE, _LEADER = (190, 38, 42), (20, 60, 150), (128, 134, 142)
 
 
 def body_picture(body: Body) -> UInt8[np.ndarray, "H W 3"]:
-    """Head, hand and foot of `body`, as far as it has them, or all of it: two views each."""
+    """Head, hand and foot of `body`, as far as it has them, or all of it: two views each; a character also as a whole."""
     lines = tapes(body)
     parts = [part for group in _PANELS if (part := _first(body, group)) is not None] or [body]
+    if body.kind == "character":
+        parts = [body, *parts]
     views = [_marked(part, view, lines) for part in parts for view in _views(part)]
     return contact_sheet(views, columns=2)
 
@@ -41,8 +43,10 @@ def _first(body: Body, names: tuple[str, ...]) -> Body | None:
 
 def _views(part: Body) -> tuple[View, View]:
     """Front and left; of a hand its back and its palm; of a foot its outer side and its sole."""
+    if "sellion" in part.landmarks:
+        return VIEWS["front"], VIEWS["side"]
     for side in ("left", "right"):
-        if f"wrist_back_{side}" in part.landmarks:
+        if {f"wrist_back_{side}", f"wrist_palm_{side}"} <= part.landmarks.keys():
             back = part.landmarks[f"wrist_back_{side}"] - part.landmarks[f"wrist_palm_{side}"]
             return _towards(back), _towards(-back)
         if f"instep_{side}" in part.landmarks:
