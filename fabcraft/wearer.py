@@ -16,7 +16,7 @@ def find_body(
     name: str,
     units: str = "",
     height_mm: float = 0.0,
-    measures: Mapping[str, str | float] | None = None,
+    measures: Mapping[str, str | float | int] | None = None,
     **scanned: str,
 ) -> Body:
     """The body called `name`, or the scan in that file.

@@ -1,6 +1,6 @@
 """Finds the person of given measures: the most ordinary one among people like a preset.
 
-min |W⁻¹ d|²  subject to  m(c₀ + d) = asked,   c₀ the preset, W the model's spread.
+min |W⁻¹ d|²  subject to  m(c₀ + d) = asked,   c₀ the preset, W the spread of people like it.
 
 Gauss-Newton: every tape is laid, its points kept as shares of edges, and its length linearised in the coefficients;
 the step is the smallest change that meets the linearised measures.  Then the tapes are laid anew, until the true
@@ -24,6 +24,8 @@ from fabcraft.body.tape import Tape
 TOLERANCE_MM = 0.02
 """Measures nearer than this are met."""
 ROUNDS = 15
+_ADULT_MM = 1700.0
+"""Below this height the local changes, which are in millimetres, spread in proportion."""
 HOPELESS = 30.0
 """Farther from the preset, in standard deviations, the search is given up."""
 RARITY = 1e-4
@@ -59,6 +61,8 @@ class Fitter:
     def __init__(self, model: HumanModel, start: Float64[np.ndarray, " K"]) -> None:
         self.model, self.start = model, start.astype(np.float64)
         self._skins: dict[str, _Skin] = {}
+        self._spread = model.spread.copy()
+        self._spread[model.common :] *= min(1.0, self._read("height", self.start) / _ADULT_MM)
 
     def fit(self, asked: Mapping[str, float], near: Float64[np.ndarray, " K"] | None = None) -> Fit:
         """The most ordinary person with these measures, mm; `near` : coefficients to begin the search at.
@@ -66,7 +70,7 @@ class Fitter:
         asked : names of `measures.MEASURES`, with a side where left and right are to differ.
         """
         targets = self._targets(asked)
-        free = self.model.spread.copy()
+        free = self._spread.copy()
         if not any(sided(name)[1] for name in asked):
             free[len(free) - self.model.differences :] = 0.0  # the sides stay mirror images
         goal = np.array(list(targets.values()))

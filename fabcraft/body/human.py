@@ -23,7 +23,7 @@ PRESETS = ("man", "woman", "teenager", "child", "toddler")
 Hand = Literal["flat", "relaxed"]
 
 
-def human(name: str, measures: Mapping[str, str | float] | None = None, hand: Hand = "flat") -> Body:
+def human(name: str, measures: Mapping[str, str | float | int] | None = None, hand: Hand = "flat") -> Body:
     """The person called `name`, with the given measures.
 
     name : one of `PRESETS`.  measures : `measures.MEASURES` to mm or to a size of `sizes`, such as {"wrist": 158,

@@ -24,11 +24,11 @@ class Tape:
     length_mm: float
     points: Float64[np.ndarray, "N 3"]
     """The line, mm; closed when it is a girth."""
-    pull: Float64[np.ndarray, "N 3"]
-    """Derivative of the length with respect to every point."""
-    edges: Int64[np.ndarray, "N 2"]
+    pull: Float64[np.ndarray, "M 3"]
+    """Derivative of the length with respect to every point on the skin; M = N, or 0 where none is."""
+    edges: Int64[np.ndarray, "M 2"]
     """Mesh vertices a, b of the edge that every point lies on; a = b at a vertex."""
-    shares: Float64[np.ndarray, " N"]
+    shares: Float64[np.ndarray, " M"]
     """Point = (1 - share) a + share b."""
     closed: bool = False
     joints: Mapping[str, Float64[np.ndarray, "3"]] = field(default_factory=dict)
