@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fabcraft.body.body import Body
 from fabcraft.body.human import HumanModel, human_model
@@ -116,15 +117,25 @@ def _body(surface: Mesh, found: Found, marks: Mapping[str, np.ndarray], said: tu
     given = {name: home.points(found.guess.factor * point[None])[0] for name, point in marks.items()}
     regions, lacking = regions_on(skin.mesh, fits, skin.unsure)
     missing = (f"The scan does not show: {', '.join(lacking).replace('_', ' ')}.",) if lacking else ()
+    landmarks = landmarks_on(skin.mesh, fits, _on_surface(skin.mesh, given))
     return Body(
         surface.name,
         skin.mesh,
-        landmarks_on(skin.mesh, fits, _on_surface(skin.mesh, given)),
+        landmarks,
         regions,
         "scan",
         joints_of(fits),
-        (*said, *skin.notes, *missing),
+        (*said, *skin.notes, *missing, *_estimated(landmarks, skin.unsure, size_of(fits[0]))),
     )
+
+
+def _estimated(landmarks: Mapping[str, np.ndarray], unsure: np.ndarray, size: float) -> tuple[str, ...]:
+    """A note about the landmarks that lie on fillings."""
+    if not len(unsure):
+        return ()
+    away = cKDTree(unsure).query(np.stack(list(landmarks.values())))[0]
+    names = [name for name, distance in zip(landmarks, away, strict=True) if distance < 0.02 * size]
+    return (f"Estimated, since they were not scanned: {', '.join(names).replace('_', ' ')}.",) if names else ()
 
 
 def _marks(path: Path, settings: ScanSettings, model: HumanModel) -> dict[str, np.ndarray]:
