@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from fabcraft.check.rays import Rays
 from fabcraft.check.report import Finding, Place, Value, places
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.passage import passage
 from fabcraft.mesh import Mesh
 
 SAMPLES = 20_000
@@ -165,24 +166,15 @@ def measure_path(
     middle = points.mean(0)
     middles = poses[:, :3, :3] @ middle + poses[:, :3, 3]
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middles, axis=0), axis=1))])
-    seat = np.maximum(-body.signed(points), 0.0)
-    worst, stuck, place = 0.0, 0, points[0]
-    for index, pose in enumerate(poses[1:], start=1):
-        moved = points @ pose[:3, :3].T + pose[:3, 3]
-        near = (moved >= body.mesh.bounds[0]).all(1) & (moved <= body.mesh.bounds[1]).all(1)
-        if not near.any():
-            continue
-        # Only what the way adds counts: the seat's own penetration is reported by `measure_fit`.
-        extra = np.maximum(-body.signed(moved[near]), 0.0) - seat[near]
-        if extra.max() > worst:
-            worst, stuck, place = float(extra.max()), index, moved[near][int(np.argmax(extra))]
+    way = passage(points, poses, body)
+    stuck = int(np.argmax(way.depth_mm))
     return Donning(
         poses=len(poses),
         travel_mm=float(travelled[-1]),
-        pen_max_mm=worst,
+        pen_max_mm=float(way.depth_mm[stuck]),
         stuck_pose=stuck,
         stuck_at_mm=float(travelled[stuck]),
-        stuck_place=places(place[None])[0],
+        stuck_place=places(way.places[stuck][None])[0],
         allowed_mm=allowed_mm,
     )
 

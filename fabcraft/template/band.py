@@ -94,10 +94,7 @@ def closed_band(
     line, step = np.meshgrid(np.arange(lines), np.arange(count), indexing="ij")
     at = (2 * step + line % 2) % (2 * count)
     flat = np.column_stack([u[at].reshape(-1), places[at.reshape(-1), line.reshape(-1)]])
-    faces = _between_lines(lines, count)
-    mesh = Mesh(rolled.world(flat), faces, name)
-    if mesh.volume_mm3 < 0.0:
-        mesh = Mesh(mesh.vertices, faces[:, ::-1], name)
+    mesh = Mesh(rolled.world(flat), _between_lines(lines, count), name)
     middle_w = 0.5 * (profile.inner(flat[:, 0]) + profile.outer(flat[:, 0])) - profile.taper * flat[:, 1]
     return mesh, (flat[:, 2] < middle_w + 1e-9)[mesh.faces].all(1)
 
@@ -109,6 +106,6 @@ def _between_lines(lines: int, count: int) -> np.ndarray:
     here, ahead = line * count + step, line * count + after
     beside, diagonal = further * count + step, further * count + after
     odd = (line % 2 == 1)[..., None]
-    first = np.where(odd, np.stack([here, ahead, diagonal], -1), np.stack([here, ahead, beside], -1))
-    second = np.where(odd, np.stack([here, diagonal, beside], -1), np.stack([ahead, diagonal, beside], -1))
+    first = np.where(odd, np.stack([here, diagonal, ahead], -1), np.stack([here, beside, ahead], -1))
+    second = np.where(odd, np.stack([here, beside, diagonal], -1), np.stack([ahead, beside, diagonal], -1))
     return np.stack([first, second], axis=2).reshape(-1, 3).astype(np.int32)

@@ -8,6 +8,9 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float64
+
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
 from fabcraft.template.template import Parameter, Template
@@ -51,9 +54,12 @@ class Kind:
                 )
         return dict(given)
 
-    def part(self, body: Body, name: str, places: Sequence[str]) -> Body:
-        """The part of `body` that wears this kind, with the joints and landmarks `places`.
+    def worn(
+        self, body: Body, part: str, places: Sequence[str]
+    ) -> tuple[Body, Mapping[str, Float64[np.ndarray, "3"]]]:
+        """The part of `body` that wears this kind, and its joints and landmarks; `places` are needed.
 
+        Where the part has been cut too near to a place, the whole body's is given.
         Raises `InputError` with the reason when the body cannot wear it or lacks one of the places.
         """
         if self.name in body.unwearable:
@@ -61,11 +67,12 @@ class Kind:
                 f"the {body.name} cannot wear a {self.name}: {body.unwearable[self.name]}",
                 "Choose another template or another body (fabcraft bodies).",
             )
-        found = body if body.kind == "scan" else body.part(name)
-        missing = [place for place in places if place not in found.joints and place not in found.landmarks]
+        known = {**body.joints, **body.landmarks}
+        missing = [place for place in places if place not in known]
         if missing:
             raise InputError(
                 f"body {body.name} has no {', '.join(missing)}, so a {self.name} cannot be placed on it",
                 "Choose another body (fabcraft bodies).",
             )
-        return found
+        found = body if body.kind == "scan" else body.part(part)
+        return found, {**known, **found.joints, **found.landmarks}

@@ -60,32 +60,46 @@ def centred(
     return origin, axes
 
 
-def way(
-    mesh: Mesh, waypoints: Sequence[Float64[np.ndarray, "3"]], axes: Axes, count: int
-) -> tuple[Station, ...]:
-    """`count` sections along the middle of the limb, from the first of `waypoints` to the last.
-
-    The first has the given axes; they turn with the limb and not about it.  The waypoints (joints) only lead the way: the
-    line is that through the middles of the sections.  Past the tip the last section goes on.
-    """
+def straight(waypoints: Sequence[Float64[np.ndarray, "3"]], count: int) -> Float64[np.ndarray, "K 3"]:
+    """`count` points evenly spaced along a smooth line through the waypoints."""
     corners = np.stack(waypoints)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    bones, at = PchipInterpolator(knots, corners), np.linspace(0.0, knots[-1], count)
-    middles, turned = [corners[0]], axes
-    for place, direction in zip(bones(at[1:]), bones(at[1:], 1), strict=True):
+    return PchipInterpolator(knots, corners)(np.linspace(0.0, knots[-1], count))
+
+
+def middles(
+    mesh: Mesh, bones: Float64[np.ndarray, "K 3"], axes: Axes
+) -> Float64[np.ndarray, "K 3"]:
+    """The line through the middles of the sections of a limb, led along its `bones`, which seldom lie in the middle.
+
+    It begins at the first of them in the direction of the axes; past the tip it goes straight on.
+    """
+    found, turned = [bones[0]], axes
+    for place, direction in zip(bones[1:], np.gradient(bones, axis=0)[1:], strict=True):
         turned = facing(direction, turned[1])
-        found = _section(mesh, place, turned)
-        if found is None:  # past the tip
+        section = _section(mesh, place, turned)
+        if section is None:  # past the tip
             break
-        middles.append(found.middle)
-    line = _smooth_line(np.stack(middles), axes[2], at[1] - at[0], count)
+        found.append(section.middle)
+    step = float(np.linalg.norm(bones[1] - bones[0]))
+    before = found[0] - step * axes[2] * np.arange(_RUN_UP, 0, -1)[:, None]
+    last = found[-1] - found[-min(4, len(found))]
+    beyond = found[-1] + step * last / np.linalg.norm(last) * np.arange(1, len(bones) + 1 - len(found))[:, None]
+    line = gaussian_filter1d(np.concatenate([before, np.stack(found), beyond]), 2.0, axis=0, mode="nearest")
+    line[_RUN_UP] = found[0]
+    return line[_RUN_UP:]
+
+
+def along(mesh: Mesh, line: Float64[np.ndarray, "K 3"], axes: Axes) -> tuple[Station, ...]:
+    """The sections along `line`, the first with the given axes; they turn with the line and not about it.
+
+    Past the tip the last section goes on.
+    """
     stations = [station(mesh, line[0], axes)]
-    for index in range(1, count):
-        before = line[index + 1] - line[index - 1] if index + 1 < count else line[index] - line[index - 1]
-        axes = facing(before, axes[1])
-        found = _section(mesh, line[index], axes) if index < len(middles) else None
-        oval = stations[-1].oval if found is None else found.oval
-        stations.append(Station(line[index], axes, oval))
+    for place, direction in zip(line[1:], np.gradient(line, axis=0)[1:], strict=True):
+        axes = facing(direction, axes[1])
+        found = _section(mesh, place, axes)
+        stations.append(Station(place, axes, stations[-1].oval if found is None else found.oval))
     return tuple(stations)
 
 
@@ -99,31 +113,35 @@ def _section(mesh: Mesh, origin: Float64[np.ndarray, "3"], axes: Axes) -> Statio
     return found if beside < 0.05 * found.oval.length else None
 
 
-def _smooth_line(
-    middles: Float64[np.ndarray, "M 3"], start: Float64[np.ndarray, "3"], step: float, count: int
-) -> Float64[np.ndarray, "K 3"]:
-    """Middles without jitter, beginning in the direction `start` and going on straight past their end."""
-    before = middles[0] - step * start * np.arange(_RUN_UP, 0, -1)[:, None]
-    last = middles[-1] - middles[-min(4, len(middles))]
-    beyond = (
-        middles[-1] + step * last / np.linalg.norm(last) * np.arange(1, count + 1 - len(middles))[:, None]
-    )
-    whole = gaussian_filter1d(np.concatenate([before, middles, beyond]), 2.0, axis=0, mode="nearest")
-    whole[_RUN_UP] = middles[0]
-    return whole[_RUN_UP:]
-
-
 def poses(stations: Sequence[Station], held: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "K 4 4"]:
     """Transforms that carry the middle of a band, now at `held`, along the middles of the sections; the first is nothing.
 
-    What the band is off the middle at its seat fades over the first third of the way.
+    What the band is off the middle at its seat fades over the first sixth of the way.
     """
     start = stations[0]
     off = held - start.middle
     found = np.tile(np.eye(4), (len(stations), 1, 1))
     for index, one in enumerate(stations):
         turn = one.axes.T @ start.axes
-        fade = np.clip(1.0 - 3.0 * index / len(stations), 0.0, 1.0)
+        fade = np.clip(1.0 - 6.0 * index / len(stations), 0.0, 1.0)
         found[index, :3, :3] = turn
         found[index, :3, 3] = one.middle + fade * (turn @ off) - turn @ held
     return found
+
+
+def loft(stations: Sequence[Station], name: str) -> Mesh:
+    """The closed surface through the ovals of the stations, capped flat at both ends."""
+    step = 8
+    rings = np.stack([one.origin + one.oval.points()[::step] @ one.axes[:2] for one in stations])
+    count, size = rings.shape[:2]
+    ring, at = np.meshgrid(np.arange(count - 1), np.arange(size), indexing="ij")
+    here, beside = ring * size + at, ring * size + (at + 1) % size
+    sides = np.stack([np.stack([here, beside, beside + size], -1), np.stack([here, beside + size, here + size], -1)])
+    around = np.arange(size)
+    caps = [
+        np.stack([np.roll(around, -1), around, np.full(size, count * size)], 1),
+        np.stack([around, np.roll(around, -1), np.full(size, count * size + 1 - (count - 1) * size)], 1)
+        + (count - 1) * size,
+    ]
+    points = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
+    return Mesh(points, np.concatenate([sides.reshape(-1, 3), *caps]).astype(np.int32), name)

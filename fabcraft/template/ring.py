@@ -6,6 +6,7 @@ bands up to 4 mm and 1.3 mm from 6 mm on, as wide bands sit tighter.  Sizes: ISO
 """
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float64
@@ -16,7 +17,7 @@ from fabcraft.errors import InputError
 from fabcraft.geometry.oval import Oval
 from fabcraft.template.band import Profile, closed_band
 from fabcraft.template.catalogue import Kind, Settings
-from fabcraft.template.limb import Axes, centred, facing, poses, station, way
+from fabcraft.template.limb import Axes, along, centred, facing, middles, poses, station, straight
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 
@@ -25,23 +26,23 @@ FINGER_MM = 63.5
 """Girth of a median man's ring finger, which the widths of bands are made for."""
 _SEAT = 0.6
 """Where the ring sits, as a share of the phalanx: on the slender part, clear of the web."""
-_SECTIONS = 7
+_SECTIONS, _POSES = 7, 40
+_SKIN_GIVES_MM = 0.3
 _STEEPEST = 0.1
 """Most that the finger's taper is followed."""
-_PLACES = ("finger4_1", "finger4_2", "finger4_3", "wrist_back", "wrist_palm", "ring_finger_tip")
+_PLACES = ("finger4_1", "finger4_2", "finger4_3", "ring_finger_tip", "wrist_back", "wrist_palm")
 
 
 def build(body: Body, settings: Settings) -> Template:
     """The ring for `body`.  Raises `InputError` for a body without fingers and for a size that does not go on."""
     chosen = KIND.settled(settings)
     hand = str(chosen.get("hand", "left"))
-    part = KIND.part(body, f"hand_{hand}", [f"{place}_{hand}" for place in _PLACES])
-    base, joint = (part.joints[f"finger4_{bone}_{hand}"] for bone in (1, 2))
-    back = part.landmarks[f"wrist_back_{hand}"] - part.landmarks[f"wrist_palm_{hand}"]
+    part, at = KIND.worn(body, f"hand_{hand}", [f"{place}_{hand}" for place in _PLACES])
+    base, joint, last, tip, back, palm = (at[f"{place}_{hand}"] for place in _PLACES)
     reach = 0.1 * float(np.linalg.norm(joint - base))
-    origin, axes = centred(part.mesh, base + _SEAT * (joint - base), facing(joint - base, back), reach)
+    origin, axes = centred(part.mesh, base + _SEAT * (joint - base), facing(joint - base, back - palm), reach)
     seat_mm = station(part.mesh, origin, axes).oval.length
-    knuckle_mm = float(chosen.get("knuckle", _knuckle_mm(part, hand)))
+    knuckle_mm = float(chosen.get("knuckle", _knuckle_mm(part, base, joint, last)))
     scale = seat_mm / FINGER_MM
     width = float(chosen.get("width", 6.0 * scale))
     wall = float(
@@ -70,7 +71,7 @@ def build(body: Body, settings: Settings) -> Template:
         contacts=(f"ring_finger_{hand}",),
         edge_mm=edge,
         donning=tuple(axes[2].tolist()),
-        path=_off(part, hand, rolled, width),
+        path=_off(part, rolled, [joint, last, tip], width),
         locked=locked,
         motifs=(_bezel(rolled, width, wall + bezel, scale),),
         listed_mm=(gap, gap + 0.1),
@@ -111,22 +112,21 @@ def _inner_girth(size: str | float | None, needed_mm: float, for_knuckle: bool) 
     return asked
 
 
-def _knuckle_mm(part: Body, hand: str) -> float:
+def _knuckle_mm(
+    part: Body, base: Float64[np.ndarray, "3"], joint: Float64[np.ndarray, "3"], last: Float64[np.ndarray, "3"]
+) -> float:
     """Girth of the finger at the joint after the seat."""
-    base, joint, last = (part.joints[f"finger4_{bone}_{hand}"] for bone in (1, 2, 3))
     before, after = joint - base, last - joint
-    along = before / np.linalg.norm(before) + after / np.linalg.norm(after)
-    return girth(part.mesh, joint, along).length_mm
+    return girth(part.mesh, joint, before / np.linalg.norm(before) + after / np.linalg.norm(after)).length_mm
 
 
 def _finger(part: Body, origin: Float64[np.ndarray, "3"], axes: Axes, half: float) -> tuple[Oval, float]:
     """The finger under the band as a cone: its section at the middle, and how fast it becomes thinner along it."""
-    along = np.linspace(-half, half, _SECTIONS)
-    sections = [station(part.mesh, origin + at * axes[2], axes) for at in along]
-    ovals = [one.oval for one in sections]
-    taper = -float(np.polyfit(along, [oval.length for oval in ovals], 1)[0]) / (2.0 * np.pi)
+    places = np.linspace(-half, half, _SECTIONS)
+    ovals = [station(part.mesh, origin + at * axes[2], axes).oval for at in places]
+    taper = -float(np.polyfit(places, [oval.length for oval in ovals], 1)[0]) / (2.0 * np.pi)
     taper = float(np.clip(taper, 0.0, _STEEPEST))
-    return Oval.holding([oval.grown(taper * at) for oval, at in zip(ovals, along, strict=True)]), taper
+    return Oval.holding([oval.grown(taper * at) for oval, at in zip(ovals, places, strict=True)]), taper
 
 
 def _profile(around: float, width: float, wall: float, bezel: float, taper: float) -> Profile:
@@ -147,13 +147,15 @@ def _bezel(rolled: Rolled, width: float, height: float, scale: float) -> MotifFr
     return MotifFrame("bezel", top, -left, along, (11.0 * scale, max(width, 8.0 * scale)), 4.0 * scale)
 
 
-def _off(part: Body, hand: str, rolled: Rolled, width: float) -> DonningPath:
-    """Along the finger, over the knuckle and past the tip."""
-    joints = [part.joints[f"finger4_{bone}_{hand}"] for bone in (2, 3)]
-    tip = part.landmarks[f"ring_finger_tip_{hand}"]
-    end = tip + (width + 2.0) * (tip - joints[1]) / np.linalg.norm(tip - joints[1])
-    stations = way(part.mesh, [rolled.origin, *joints, end], rolled.axes, 40)
-    return DonningPath(poses(stations, rolled.middle), 0.3, "skin gives 0.3 mm")
+def _off(
+    part: Body, rolled: Rolled, joints: Sequence[Float64[np.ndarray, "3"]], width: float
+) -> DonningPath:
+    """Along the finger, over the knuckle and past the tip, the last of `joints`."""
+    *before, tip = joints
+    end = tip + (width + 2.0) * (tip - before[-1]) / np.linalg.norm(tip - before[-1])
+    line = middles(part.mesh, straight([rolled.origin, *before, end], _POSES), rolled.axes)
+    gives = 0.0 if part.kind == "character" else _SKIN_GIVES_MM
+    return DonningPath(poses(along(part.mesh, line, rolled.axes), rolled.middle), gives, "the skin of the finger gives")
 
 
 KIND = Kind(

@@ -36,8 +36,8 @@ class Rolled:
     def world(self, flat: Float[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
         """Points at (u, v, w)."""
         arc = self._arc
-        u = (flat[:, 0] - arc[-1]) % self.oval.length + arc[-1]
-        angle = np.interp(u, arc[::-1], _TURN[::-1])
+        u = (flat[:, 0] - arc[0]) % self.oval.length + arc[0]
+        angle = np.interp(u, arc, _TURN)
         plane = self.oval.at(angle, flat[:, 2])
         return self.origin + plane @ self.axes[:2] + flat[:, 1:2] * self.axes[2]
 
@@ -48,6 +48,6 @@ class Rolled:
 
     @property
     def _arc(self) -> Float64[np.ndarray, " M"]:
-        """u at the angles of `_TURN`, falling."""
+        """u at the angles of `_TURN`, rising."""
         arc = self.oval.arc
-        return np.interp(0.5 * np.pi, _TURN, arc) - arc
+        return arc - np.interp(0.5 * np.pi, _TURN, arc)
