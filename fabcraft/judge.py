@@ -158,6 +158,8 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
         contacts=np.concatenate(rest) if rest else None,
         gaps_mm=np.concatenate(gaps) if gaps else 0.0,
         donning=template.donning,
+        path=None if template.path is None else template.path.poses,
+        flex_mm=0.5 if template.path is None else template.path.allowed_mm,
     )
 
 
