@@ -23,7 +23,9 @@ def head_frame(body: Body, object: Mesh | None = None) -> Mesh:
         points = body.mesh.vertices
         points = points[((points > lower) & (points < upper)).all(1)]
         return Mesh(np.concatenate([points, object.vertices]), np.zeros((0, 3), dtype=np.int32))
-    points = body.mesh.vertices[body.mesh.vertices[:, 2] > body.landmarks["menton"][2] - BELOW_CHIN_MM * body.scale]
+    points = body.mesh.vertices[
+        body.mesh.vertices[:, 2] > body.landmarks["menton"][2] - BELOW_CHIN_MM * body.scale
+    ]
     if object is not None:
         points = np.concatenate([points, object.vertices])
     return Mesh(points, np.zeros((0, 3), dtype=np.int32))
