@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fabcraft.body.body import Body
 from fabcraft.body.human import HumanModel, human_model
@@ -78,7 +79,8 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
     size = float(raw.size_mm.max())
     kinds = _kinds(settings, marks, model)
     options = every_unit(path, settings.units, kinds) if marks else guesses(size, path, settings.units, kinds)
-    surface, repairs = orderly(thinned(raw))
+    thin = thinned(raw)
+    surface, repairs = orderly(thin)
     parts = {kind: part_model(model, kind) for kind in dict.fromkeys(guess.kind for guess in options)}
     frames = {kind: _frame(part, model) for kind, part in parts.items()}
     turns = {kind: rotations_of(frame, settings.up, settings.front, path) for kind, frame in frames.items()}
@@ -88,7 +90,7 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
         unit_note(path, found.guess.unit, found.guess.factor * size, settings.units),
         *notes,
         *joined,
-        *thinning_note(raw, surface, found.guess.factor),
+        *thinning_note(raw, thin, found.guess.factor),
         *repairs,
         turn_note(found.main.place.rotation, frames[found.guess.kind], settings.up, settings.front, path),
         _shown(found),
@@ -114,16 +116,29 @@ def _body(surface: Mesh, found: Found, marks: Mapping[str, np.ndarray], said: tu
     upright = surface.with_vertices(home.points(found.guess.factor * surface.vertices))
     skin = closed(_finer(upright, fits), fits[0] if found.person else None)
     given = {name: home.points(found.guess.factor * point[None])[0] for name, point in marks.items()}
-    regions, lacking = regions_on(skin.mesh, fits, skin.unsure)
+    regions, lacking = regions_on(skin.mesh, fits, skin.unsure, person=found.person)
     missing = (f"The scan does not show: {', '.join(lacking).replace('_', ' ')}.",) if lacking else ()
+    given = _on_surface(skin.mesh, given)
+    landmarks = landmarks_on(skin.mesh, skin.planes, fits, given, person=found.person)
     return Body(
         surface.name,
         skin.mesh,
-        landmarks_on(skin.mesh, fits, _on_surface(skin.mesh, given)),
+        landmarks,
         regions,
         "scan",
         joints_of(fits),
-        (*said, *skin.notes, *missing),
+        (*said, *skin.notes, *missing, *_estimated(landmarks, skin.unsure, size_of(fits[0]))),
+    )
+
+
+def _estimated(landmarks: Mapping[str, np.ndarray], unsure: np.ndarray, size: float) -> tuple[str, ...]:
+    """A note about the landmarks that lie on fillings."""
+    if not len(unsure):
+        return ()
+    away = cKDTree(unsure).query(np.stack(list(landmarks.values())))[0]
+    names = [name for name, distance in zip(landmarks, away, strict=True) if distance < 0.02 * size]
+    return (
+        (f"Estimated, since they were not scanned: {', '.join(names).replace('_', ' ')}.",) if names else ()
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int32
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from fabcraft.body.body import fan_closed
 from fabcraft.errors import InputError
@@ -25,10 +26,12 @@ def welded(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
     """(`mesh` with the nearly equal corners of a soup of triangles joined, and no face twice; what was done)."""
     if _open_share(mesh) < _SOUP_SHARE:
         return mesh, ()
-    step = _WELD * float(mesh.size_mm.max())
-    vertices, faces = merged(np.round(mesh.vertices / step) * step, mesh.faces)
-    joined = Mesh(vertices, faces, mesh.name)
-    if not len(faces) or _open_share(joined) >= 0.9 * _open_share(mesh):
+    pairs = cKDTree(mesh.vertices).query_pairs(_WELD * float(mesh.size_mm.max()), output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(mesh.vertices),) * 2)
+    _, place = connected_components(graph, directed=False)
+    _, first = np.unique(place, return_index=True)
+    joined = Mesh(*merged(mesh.vertices[first], place[mesh.faces]), mesh.name)
+    if not len(joined.faces) or _open_share(joined) >= 0.9 * _open_share(mesh):
         return mesh, ()
     return joined, ("The scan's triangles did not share corners; nearly equal corners were joined.",)
 
@@ -50,6 +53,8 @@ def orderly(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         crowded = (counts[edges] > 2).any(1)
         if not crowded.any():
             break
+        fins = crowded & (counts[edges] == 1).any(1)
+        crowded = fins if fins.any() else crowded
         dropped += int(crowded.sum())
         faces = faces[~crowded]
     if not len(faces):
@@ -112,7 +117,7 @@ def outward(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         )
     if fan_closed(Mesh(mesh.vertices, faces, mesh.name)).volume_mm3 < 0:
         faces = faces[:, ::-1]
-    share = float(_turned(mesh.faces, faces).mean())
+    share = round(float(_turned(mesh.faces, faces).mean()), 3)
     said = "The scan was inside out; all its triangles were turned round."
     if share <= 0.99:
         said = f"Triangles that looked inward were turned round: {share:.1%}."

@@ -17,14 +17,17 @@ from fabcraft.body.scan_patch import patched
 from fabcraft.body.scan_pieces import remeshed
 from fabcraft.body.scan_places import size_of
 from fabcraft.errors import InputError
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
 
 _WIDE = 0.25
 """An opening is where the scan ends when it is this share of the part's size wide."""
 _UNSURE = 0.22
 """A filling wider than this share of the part's size is not to be rested on."""
-_MOST_MISSING = 0.3
-"""A scan with larger holes, as a share of its surface, is refused."""
+_SMALL, _NAMED = 0.04, 4
+"""Holes narrower than this share of the part's size are only counted; so are those beyond this many."""
+_MOST_MISSING, _MOST_ADDED = 0.3, 0.75
+"""A scan with larger holes, as a share of its surface, is refused; a person's are filled as people are."""
 _RIM_ABOVE = 0.002
 """The cut is this share of the part's size within the rim."""
 _RAGGED = 0.2
@@ -40,6 +43,8 @@ class Closed:
     mesh: Mesh
     unsure: Float64[np.ndarray, "N 3"]
     """Points of fillings that nothing may rest on."""
+    planes: tuple[Plane, ...]
+    """Where it was cut."""
     notes: tuple[str, ...]
 
 
@@ -59,49 +64,88 @@ def closed(mesh: Mesh, fit: PartFit | None) -> Closed:
     """
     size = float(mesh.size_mm.max()) if fit is None else size_of(fit)
     ends = [] if fit is None else _ends(fit)
-    notes: list[str] = []
-    levels: dict[str, tuple[_End, float]] = {}
-    unsure, missing, small = [np.zeros((0, 3))], 0.0, 0
+    levels: dict[str, float] = {}
+    filled: list[tuple[float, str, bool]] = []
+    unsure, missing = [np.zeros((0, 3))], 0.0
     for loop in rim_loops(mesh.faces):
-        rim, before = mesh.vertices[loop], len(mesh.faces)
-        span = _span(rim)
+        rim, faces, first = mesh.vertices[loop], len(mesh.faces), len(mesh.vertices)
+        span, large = (width := _span(rim)), width > _UNSURE * size
         end = next((end for end in ends if span > _WIDE * size and _beyond(rim, end)), None)
-        first = len(mesh.vertices)
-        mesh = patched(mesh, loop, taut=end is not None)
+        unseen = _unseen(mesh, fit) if fit is not None and end is None and large else None
+        mesh = patched(mesh, loop, taut=end is not None, along=unseen)
         if end is not None:
-            heights = (rim - end.limit) @ end.inward
-            level = min(heights.max(), heights.min() + _RAGGED * size) + _RIM_ABOVE * size
-            levels[end.name] = (end, max(level, levels.get(end.name, (end, -np.inf))[1]))
+            levels[end.name] = max(_level(rim, end, size), levels.get(end.name, -np.inf))
             continue
-        missing += float(mesh.face_areas[before:].sum())
-        if span > _UNSURE * size:
+        missing += float(mesh.face_areas[faces:].sum())
+        filled.append((span, _where(rim.mean(0), fit), unseen is not None))
+        if large:
             unsure.append(np.concatenate([rim, mesh.vertices[first:]]))
-            notes.append(
-                f"An opening {span:.0f} mm wide at {_where(rim.mean(0), fit)} was closed as the skin around it goes "
-                "on; what was there is not known, so nothing may rest on it."
-            )
-        elif span > 0.04 * size:
-            notes.append(f"A hole {span:.0f} mm wide at {_where(rim.mean(0), fit)} was filled smoothly.")
-        else:
-            small += 1
-    if missing > _MOST_MISSING * float(mesh.area_mm2):
+            # a filling goes hardly farther than the scan
+            for lowered in ends:
+                if (lowest := float(((rim - lowered.limit) @ lowered.inward).min())) < 0:
+                    levels.setdefault(lowered.name, lowest + min(_RAGGED * size, -0.5 * lowest))
+    if missing > (_MOST_MISSING if fit is None else _MOST_ADDED) * float(mesh.area_mm2):
         raise InputError(
             f"{missing / mesh.area_mm2:.0%} of the surface of {mesh.name} is missing",
             "Scan it again from all sides, or crop it so that it ends in one cut.",
         )
-    if small:
-        notes.append(f"Small holes that were filled: {small}.")
     mesh, mended = _solid(mesh)
-    notes += mended
-    notes += [f"The open {name} was cut level and closed." for name in levels]
-    planes: list[Plane] = [(end.limit + level * end.inward, end.inward) for end, level in levels.values()]
+    planes: list[Plane] = [
+        (end.limit + levels[end.name] * end.inward, end.inward) for end in ends if end.name in levels
+    ]
     mesh = cut_within(mesh, planes)
+    cuts = tuple(f"The open {name} was cut level and closed." for name in levels)
+    notes = (*_filled_notes(filled, size), *mended, *cuts, *_tunnels(mesh))
+    return Closed(mesh, np.concatenate(unsure), tuple(planes), notes)
+
+
+def _level(rim: Float64[np.ndarray, "N 3"], end: _End, size: float) -> float:
+    """The height above the limit at which an end is cut: within its rim, unless that is very ragged."""
+    heights = (rim - end.limit) @ end.inward
+    return float(min(heights.max(), heights.min() + _RAGGED * size)) + _RIM_ABOVE * size
+
+
+def _filled_notes(filled: list[tuple[float, str, bool]], size: float) -> list[str]:
+    """(width, place, whether the fitted person was followed) of every hole, in sentences, the widest first."""
+    notes = []
+    filled = sorted(filled, key=lambda hole: -hole[0])
+    for span, where, followed in filled[:_NAMED]:
+        if span > _UNSURE * size:
+            how = "as the fitted person is there" if followed else "as the skin around it goes on"
+            notes.append(
+                f"An opening {span:.0f} mm wide at {where} was closed {how}; what was there is not known, so "
+                "nothing may rest on it."
+            )
+        elif span > _SMALL * size:
+            notes.append(f"A hole {span:.0f} mm wide at {where} was filled as the skin around it goes on.")
+    others = len(filled) - len(notes)
+    return [*notes, f"Other holes that were filled: {others}."] if others else notes
+
+
+def _tunnels(mesh: Mesh) -> tuple[str, ...]:
+    """A note about the handles of a closed surface."""
     handles = 1 - (len(mesh.vertices) - len(mesh.faces) // 2) // 2
-    if handles > 0:
-        notes.append(
-            f"The scan has {handles} tunnels (between fingers, behind an ear, in hair), which were left."
-        )
-    return Closed(mesh, np.concatenate(unsure), tuple(notes))
+    return (
+        (f"The scan has {handles} tunnels (between fingers, behind an ear, in hair), which were left.",)
+        if handles > 0
+        else ()
+    )
+
+
+def _unseen(mesh: Mesh, fit: PartFit) -> SurfaceDistance | None:
+    """The fitted skin where the scan has none, no lower than the scan goes; None where there is next to nothing."""
+    skin = fit.part.mesh(fit.points)
+    away = SurfaceDistance(mesh).closest(skin.vertices).distances
+    apart = (away > 0.02 * size_of(fit)) & np.all(
+        [(skin.vertices - end.limit) @ end.inward > _lowest(mesh, end) for end in _ends(fit)], axis=0
+    )
+    faces = apart[skin.faces].all(1)
+    return SurfaceDistance(skin.submesh(faces)) if faces.sum() > 50 else None
+
+
+def _lowest(mesh: Mesh, end: _End) -> float:
+    """How far the scan goes beyond the limit of an end, as a height; 0 where it does not reach it."""
+    return min(0.0, float(((mesh.vertices - end.limit) @ end.inward).min()))
 
 
 def _span(points: Float64[np.ndarray, "N 3"]) -> float:

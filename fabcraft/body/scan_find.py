@@ -18,7 +18,7 @@ from fabcraft.body.scan_search import SIZE_RANGE, Cloud, Looked, best_start, pla
 from fabcraft.body.scan_units import Guess
 from fabcraft.geometry.align import Similarity, fit_similarity
 
-MATCHED_AT_LEAST = 0.6
+MATCHED_AT_LEAST = 0.7
 """Share of the fitted zone that must lie on the scan."""
 _CLOSE_SECOND = 1.4
 """Kinds whose first misfit is below this many times the best are looked at closely, three at most."""
@@ -90,7 +90,7 @@ def find(
         }
         chosen = sorted(guesses, key=first.__getitem__)[:3]
         chosen = [guess for guess in chosen if first[guess] < _CLOSE_SECOND * first[chosen[0]]]
-    fits = []
+    fits: list[tuple[Guess, tuple[PartFit, Surface]]] = []
     for guess in chosen:
         if (
             fits

@@ -15,6 +15,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from fabcraft.body.body import rim_loops
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import graph_laplacian, halved
 from fabcraft.geometry.triangulate import triangulate
 from fabcraft.mesh import Mesh
@@ -24,19 +25,23 @@ _MAX_POINTS = 3000
 _BAND_EDGES = 6.0
 _NOISE_EDGES, _FIRM_EDGES = 1.5, 0.3
 """How wide the band is, and l the first and the second time, in edges of the rim."""
+_DRAWN, _FOLLOW = (_FIRM_EDGES,) * 5, 0.08
+"""Further rounds with a surface to be drawn to, and l there as a share of the rim's extent."""
 
 
-def patched(mesh: Mesh, loop: Int64[np.ndarray, " N"], *, taut: bool = False) -> Mesh:
+def patched(
+    mesh: Mesh, loop: Int64[np.ndarray, " N"], *, taut: bool = False, along: SurfaceDistance | None = None
+) -> Mesh:
     """`mesh` with the boundary `loop` closed; its vertices keep their indices and the patch's own follow.
 
-    taut : stretch a membrane across instead, as over a drum.
+    taut : stretch a membrane across instead, as over a drum.  along : a surface that the patch is drawn to.
     """
     rim = mesh.vertices[loop]
     faces, count = _disc(rim)
     index = np.concatenate([loop, len(mesh.vertices) + np.arange(count - len(loop))])
     vertices = np.concatenate([mesh.vertices, _membrane(faces, rim, count)])
     whole = Mesh(vertices, np.concatenate([mesh.faces, index[faces[:, ::-1]].astype(np.int32)]), mesh.name)
-    return whole if taut or count == len(loop) else _plate(whole, len(mesh.faces), loop)
+    return whole if taut or count == len(loop) else _plate(whole, mesh, loop, along)
 
 
 def _disc(rim: Float64[np.ndarray, "N 3"]) -> tuple[Int64[np.ndarray, "F 3"], int]:
@@ -79,17 +84,15 @@ def _membrane(
     return splu(laplacian[len(rim) :, len(rim) :].tocsc()).solve(-laplacian[len(rim) :, : len(rim)] @ rim)
 
 
-def _plate(whole: Mesh, old_faces: int, loop: Int64[np.ndarray, " N"]) -> Mesh:
-    """`whole` with its faces from `old_faces` on, and their rim, in the shape of a thin plate."""
+def _plate(whole: Mesh, skin: Mesh, loop: Int64[np.ndarray, " N"], along: SurfaceDistance | None) -> Mesh:
+    """`whole` with what it has beyond `skin`, and the rim, in the shape of a thin plate, drawn to `along`."""
     rim = whole.vertices[loop]
     edge = float(np.median(np.linalg.norm(np.roll(rim, -1, 0) - rim, axis=1)))
-    used = np.unique(whole.faces[:old_faces])
-    away = cKDTree(rim).query(whole.vertices, distance_upper_bound=_BAND_EDGES * edge)[0]
-    band = np.zeros(len(whole.vertices), dtype=bool)
-    band[used] = np.isfinite(away[used])
-    chosen = np.concatenate(
-        [band[whole.faces[:old_faces]].all(1), np.ones(len(whole.faces) - old_faces, bool)]
-    )
+    reach, count = _BAND_EDGES * edge, len(skin.vertices)
+    band = ((whole.vertices > rim.min(0) - reach) & (whole.vertices < rim.max(0) + reach)).all(1)
+    band[count:] = False
+    band[band] = cKDTree(rim).query(whole.vertices[band])[0] < reach
+    chosen = np.concatenate([band[skin.faces].all(1), np.ones(len(whole.faces) - len(skin.faces), bool)])
     rows, compact = np.unique(whole.faces[chosen], return_inverse=True)
     faces = compact.reshape(-1, 3)
     bound = band[rows].astype(np.float64)  # the patch's own points are free
@@ -99,14 +102,19 @@ def _plate(whole: Mesh, old_faces: int, loop: Int64[np.ndarray, " N"]) -> Mesh:
     start = whole.vertices[rows]
     normals = Mesh(start, faces.astype(np.int32)).vertex_normals
     points, goal = start, start
-    # the second time with the angles of the first plate, and the band ironed but not slid
-    for smooth_edges in (_NOISE_EDGES, _FIRM_EDGES):
+    span = float(np.ptp(rim, axis=0).max())
+    # from the second time on with the angles of the plate before, and the band ironed but not slid
+    for step, smooth_edges in enumerate((_NOISE_EDGES, _FIRM_EDGES, *_DRAWN * (along is not None))):
         stiffness = igl.cotmatrix(points, faces)
         mass = np.maximum(igl.massmatrix(points, faces, igl.MASSMATRIX_TYPE_VORONOI).diagonal(), 1e-9)
         held = bound * mass / (smooth_edges * edge) ** 4
+        if along is not None and step > 1:  # the patch's own points are held by what is nearest
+            held = np.where(bound > 0, held, mass / (_FOLLOW * span) ** 4)
+            goal = np.where(bound[:, None] > 0, goal, along.closest(points).points)
         system = stiffness.T @ diags(bending / mass) @ stiffness + diags(held)
         points = splu(system.tocsc()).solve(held[:, None] * goal)
-        goal = start + normals * np.einsum("ij,ij->i", normals, points - start)[:, None]
+        ironed = start + normals * np.einsum("ij,ij->i", normals, points - start)[:, None]
+        goal = np.where(bound[:, None] > 0, ironed, points)
     vertices = whole.vertices.copy()
     free, on_rim = bound == 0, np.isin(rows, loop)
     vertices[rows[free]], vertices[rows[on_rim]] = points[free], goal[on_rim]
