@@ -4,10 +4,9 @@ files, drawing → guidance → fit → solid → check → write. Every stage c
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,23 +88,22 @@ class _Clock:
             self.tell(name, 1, 1)
 
 
-def find_body(name: str, units: str = "") -> Body:
-    """The body called `name`, or the head scan in that file.
+def find_body(name: str, units: str = "", measures: Mapping[str, str | float] | None = None) -> Body:
+    """The body called `name`, of the given measures, or the head scan in that file.
 
-    Raises `InputError` when there is neither.
+    Raises `InputError` when there is neither, and for measures of a scan or out of reach.
     """
     path = Path(name)
-    if name in PRESETS:
-        return human(name)
-    if path.suffix or path.exists():
-        from fabcraft.body.scan import scan
+    if name in PRESETS or not (path.suffix or path.exists()):
+        return human(name, measures)
+    from fabcraft.body.scan import scan
 
-        return scan(path, units or None)
-    close = get_close_matches(name, PRESETS, n=1)
-    raise InputError(
-        f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Choose one of: {', '.join(PRESETS)}; or give the path of a head scan.",
-    )
+    if measures:
+        raise InputError(
+            f"measures were given ({', '.join(measures)}), but {path.name} is a scan, which has its own",
+            f"Leave them out, or give one of {', '.join(PRESETS)} as the body.",
+        )
+    return scan(path, units or None)
 
 
 def make(recipe: Recipe, tell: Tell | None = None) -> Made:
@@ -127,7 +125,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         picture = read_image(recipe.sketch) if recipe.sketch else None
         goal = read_mesh(Path(recipe.guidance)) if recipe.guidance else None
     with clock.stage("body"):
-        body = find_body(recipe.body, recipe.body_units)
+        body = find_body(recipe.body, recipe.body_units, recipe.measures)
         template = mask(body, recipe.wall_mm or max(DEFAULT_WALL_MM, profile.wall_mm))
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
@@ -154,11 +152,13 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
             *_said(notes, body, solid),
             *_stopped(design),
         ),
-        route=(*route, *_how(design), f"laid on the bed {placed.words}"),
+        route=(*_person(body), *route, *_how(design), f"laid on the bed {placed.words}"),
         metrics={
             **found.metrics,
             **likeness(solid.mesh, design.template, relief, design.direct),
             "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
+            **{f"measure_{name}_asked_mm": one.asked_mm for name, one in body.measures.items()},
+            **{f"measure_{name}_mm": one.reached_mm for name, one in body.measures.items()},
         },
         seconds=clock.seconds,
     )
@@ -176,6 +176,16 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         clearance_mm=clearance,
         interrupted=design.interrupted,
     )
+
+
+def _person(body: Body) -> tuple[str, ...]:
+    """The asked measures, in a line of the route; nothing when none were asked."""
+    told = [
+        f"{name.replace('_', ' ')} {f'{one.words}, ' if one.words else ''}{one.asked_mm:.1f} mm asked, "
+        f"{one.reached_mm:.1f} reached"
+        for name, one in body.measures.items()
+    ]
+    return (f"{body.name} of the measures given: {'; '.join(told)}",) if told else ()
 
 
 def _said(notes: list[tuple[bool, str]], body: Body, solid: SolidResult) -> list[Finding]:
