@@ -79,7 +79,8 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
     size = float(raw.size_mm.max())
     kinds = _kinds(settings, marks, model)
     options = every_unit(path, settings.units, kinds) if marks else guesses(size, path, settings.units, kinds)
-    surface, repairs = orderly(thinned(raw))
+    thin = thinned(raw)
+    surface, repairs = orderly(thin)
     parts = {kind: part_model(model, kind) for kind in dict.fromkeys(guess.kind for guess in options)}
     frames = {kind: _frame(part, model) for kind, part in parts.items()}
     turns = {kind: rotations_of(frame, settings.up, settings.front, path) for kind, frame in frames.items()}
@@ -89,7 +90,7 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
         unit_note(path, found.guess.unit, found.guess.factor * size, settings.units),
         *notes,
         *joined,
-        *thinning_note(raw, surface, found.guess.factor),
+        *thinning_note(raw, thin, found.guess.factor),
         *repairs,
         turn_note(found.main.place.rotation, frames[found.guess.kind], settings.up, settings.front, path),
         _shown(found),
@@ -115,9 +116,10 @@ def _body(surface: Mesh, found: Found, marks: Mapping[str, np.ndarray], said: tu
     upright = surface.with_vertices(home.points(found.guess.factor * surface.vertices))
     skin = closed(_finer(upright, fits), fits[0] if found.person else None)
     given = {name: home.points(found.guess.factor * point[None])[0] for name, point in marks.items()}
-    regions, lacking = regions_on(skin.mesh, fits, skin.unsure)
+    regions, lacking = regions_on(skin.mesh, fits, skin.unsure, person=found.person)
     missing = (f"The scan does not show: {', '.join(lacking).replace('_', ' ')}.",) if lacking else ()
-    landmarks = landmarks_on(skin.mesh, fits, _on_surface(skin.mesh, given))
+    given = _on_surface(skin.mesh, given)
+    landmarks = landmarks_on(skin.mesh, skin.planes, fits, given, person=found.person)
     return Body(
         surface.name,
         skin.mesh,

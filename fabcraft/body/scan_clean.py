@@ -53,6 +53,8 @@ def orderly(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         crowded = (counts[edges] > 2).any(1)
         if not crowded.any():
             break
+        fins = crowded & (counts[edges] == 1).any(1)
+        crowded = fins if fins.any() else crowded
         dropped += int(crowded.sum())
         faces = faces[~crowded]
     if not len(faces):
@@ -115,7 +117,7 @@ def outward(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         )
     if fan_closed(Mesh(mesh.vertices, faces, mesh.name)).volume_mm3 < 0:
         faces = faces[:, ::-1]
-    share = float(_turned(mesh.faces, faces).mean())
+    share = round(float(_turned(mesh.faces, faces).mean()), 3)
     said = "The scan was inside out; all its triangles were turned round."
     if share <= 0.99:
         said = f"Triangles that looked inward were turned round: {share:.1%}."

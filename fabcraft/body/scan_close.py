@@ -43,6 +43,8 @@ class Closed:
     mesh: Mesh
     unsure: Float64[np.ndarray, "N 3"]
     """Points of fillings that nothing may rest on."""
+    planes: tuple[Plane, ...]
+    """Where it was cut."""
     notes: tuple[str, ...]
 
 
@@ -93,9 +95,8 @@ def closed(mesh: Mesh, fit: PartFit | None) -> Closed:
     ]
     mesh = cut_within(mesh, planes)
     cuts = tuple(f"The open {name} was cut level and closed." for name in levels)
-    return Closed(
-        mesh, np.concatenate(unsure), (*_filled_notes(filled, size), *mended, *cuts, *_tunnels(mesh))
-    )
+    notes = (*_filled_notes(filled, size), *mended, *cuts, *_tunnels(mesh))
+    return Closed(mesh, np.concatenate(unsure), tuple(planes), notes)
 
 
 def _level(rim: Float64[np.ndarray, "N 3"], end: _End, size: float) -> float:

@@ -41,7 +41,7 @@ def patched(
     index = np.concatenate([loop, len(mesh.vertices) + np.arange(count - len(loop))])
     vertices = np.concatenate([mesh.vertices, _membrane(faces, rim, count)])
     whole = Mesh(vertices, np.concatenate([mesh.faces, index[faces[:, ::-1]].astype(np.int32)]), mesh.name)
-    return whole if taut or count == len(loop) else _plate(whole, len(mesh.faces), loop, along)
+    return whole if taut or count == len(loop) else _plate(whole, mesh, loop, along)
 
 
 def _disc(rim: Float64[np.ndarray, "N 3"]) -> tuple[Int64[np.ndarray, "F 3"], int]:
@@ -84,17 +84,15 @@ def _membrane(
     return splu(laplacian[len(rim) :, len(rim) :].tocsc()).solve(-laplacian[len(rim) :, : len(rim)] @ rim)
 
 
-def _plate(whole: Mesh, old_faces: int, loop: Int64[np.ndarray, " N"], along: SurfaceDistance | None) -> Mesh:
-    """`whole` with its faces from `old_faces` on, and their rim, in the shape of a thin plate, drawn to `along`."""
+def _plate(whole: Mesh, skin: Mesh, loop: Int64[np.ndarray, " N"], along: SurfaceDistance | None) -> Mesh:
+    """`whole` with what it has beyond `skin`, and the rim, in the shape of a thin plate, drawn to `along`."""
     rim = whole.vertices[loop]
     edge = float(np.median(np.linalg.norm(np.roll(rim, -1, 0) - rim, axis=1)))
-    used = np.unique(whole.faces[:old_faces])
-    away = cKDTree(rim).query(whole.vertices, distance_upper_bound=_BAND_EDGES * edge)[0]
-    band = np.zeros(len(whole.vertices), dtype=bool)
-    band[used] = np.isfinite(away[used])
-    chosen = np.concatenate(
-        [band[whole.faces[:old_faces]].all(1), np.ones(len(whole.faces) - old_faces, bool)]
-    )
+    reach, count = _BAND_EDGES * edge, len(skin.vertices)
+    band = ((whole.vertices > rim.min(0) - reach) & (whole.vertices < rim.max(0) + reach)).all(1)
+    band[count:] = False
+    band[band] = cKDTree(rim).query(whole.vertices[band])[0] < reach
+    chosen = np.concatenate([band[skin.faces].all(1), np.ones(len(whole.faces) - len(skin.faces), bool)])
     rows, compact = np.unique(whole.faces[chosen], return_inverse=True)
     faces = compact.reshape(-1, 3)
     bound = band[rows].astype(np.float64)  # the patch's own points are free

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
+from fabcraft.body.parts import Plane
 from fabcraft.body.region import Region
 from fabcraft.body.scan_fit import MATCHED, PartFit
 from fabcraft.geometry.distance import SurfaceDistance
@@ -17,16 +18,22 @@ _NORMAL_SHARE = 0.03
 """Distance, as a share of the part's size, that a right angle between normals counts as, about."""
 _REACH = 0.035
 """Share of the part's size within which the scan belongs to the fitted skin."""
+_CLEAR = 0.06
+"""Landmarks nearer to a cut than this share of the part's size are left out: little of their surroundings is seen."""
+_FIGURE = 5.0
+"""How much farther from the fitted skin a figure's places may be than a person's."""
 _COVERED = 0.6
 """A region is on the scan when this share of its points is."""
 
 Points = Mapping[str, Float64[np.ndarray, "3"]]
 
 
-def landmarks_on(mesh: Mesh, fits: Sequence[PartFit], given: Points) -> dict[str, np.ndarray]:
-    """The landmarks that lie on `mesh`, put exactly onto it; of several fits the last one knows.
+def landmarks_on(
+    mesh: Mesh, planes: Sequence[Plane], fits: Sequence[PartFit], given: Points, *, person: bool
+) -> dict[str, np.ndarray]:
+    """The landmarks that lie on `mesh`, clear of the `planes` that cut it, put exactly onto it; the last fit knows best.
 
-    given : those that are known beforehand.
+    given : those that are known beforehand.  person : False for a figure, which no fit comes near to.
     """
     surface = SurfaceDistance(mesh)
     found: dict[str, np.ndarray] = {}
@@ -37,10 +44,12 @@ def landmarks_on(mesh: Mesh, fits: Sequence[PartFit], given: Points) -> dict[str
         if not names:
             continue
         rows = np.array([part.landmarks[name] for name in names])
-        near = surface.closest(fit.points[rows])
+        near, size = surface.closest(fit.points[rows]), size_of(fit)
         facing = part.mesh(fit.points).vertex_normals[rows]
         alike = np.einsum("ij,ij->i", facing, normals[near.faces]) > 0.0
-        on = (near.distances < 1.5 * MATCHED * size_of(fit)) & alike
+        on = (near.distances < 1.5 * MATCHED * size) & alike if person else np.ones(len(names), dtype=bool)
+        for point, inward in planes:
+            on &= (near.points - point) @ inward > _CLEAR * size
         found |= {name: near.points[index] for index, name in enumerate(names) if on[index]}
         if "sellion" in found:
             found |= {name: fit.points[part.landmarks[name]] for name in _INNER if name in part.landmarks}
@@ -56,7 +65,7 @@ def joints_of(fits: Sequence[PartFit]) -> dict[str, np.ndarray]:
 
 
 def regions_on(
-    mesh: Mesh, fits: Sequence[PartFit], unsure: Float64[np.ndarray, "N 3"]
+    mesh: Mesh, fits: Sequence[PartFit], unsure: Float64[np.ndarray, "N 3"], *, person: bool
 ) -> tuple[dict[str, Region], tuple[str, ...]]:
     """(every region that the scan shows, on its vertices; those that it does not, which the fit has).
 
@@ -71,7 +80,7 @@ def regions_on(
     for fit in fits:
         part, skin = fit.part, fit.points[: fit.part.skin]
         size = size_of(fit)
-        weight, reach = _NORMAL_SHARE * size, _REACH * size
+        weight, reach = _NORMAL_SHARE * size, _REACH * size * (1.0 if person else _FIGURE)
         own = np.hstack([skin, weight * part.mesh(fit.points).vertex_normals])
         scanned = np.hstack([mesh.vertices, weight * normals])
         tree, back = cKDTree(own), cKDTree(scanned)
