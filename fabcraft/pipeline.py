@@ -4,7 +4,7 @@ files, drawing → guidance → fit → solid → check → write. Every stage c
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -90,21 +90,30 @@ class _Clock:
             self.tell(name, 1, 1)
 
 
-def find_body(name: str, units: str = "", height_mm: float = 0.0) -> Body:
-    """The body called `name`, or the head scan in that file.
+def find_body(
+    name: str, units: str = "", measures: Mapping[str, str | float] | None = None, height_mm: float = 0.0
+) -> Body:
+    """The body called `name`, of the given measures, or the head scan in that file.
 
-    height_mm : of a character; 0 is its own.  Raises `InputError` when there is neither, or the height is not for it.
+    height_mm : of a character; 0 is its own.
+    Raises `InputError` when there is no such body, for measures that it cannot have, and for a height that is not for it.
     """
     path = Path(name)
-    if name in CHARACTERS:
+    if name in CHARACTERS and not measures:
         return character(name, height_mm)
     if height_mm:
         raise InputError(
             f"a height of {height_mm:g} mm was asked for {name}, which is no character",
-            f"Leave out --height, or choose a character: {', '.join(CHARACTERS)}.",
+            "People have it as a measure: --measure height=1700; scans have their own.",
         )
     if name in PRESETS:
-        return human(name)
+        return human(name, measures)
+    if measures:
+        kind = "a character: its height decides (--height)" if name in CHARACTERS else "a scan, which has its own"
+        raise InputError(
+            f"measures were given ({', '.join(measures)}), but {path.name} is {kind}",
+            f"Leave them out, or give one of {', '.join(PRESETS)} as the body.",
+        )
     if path.suffix or path.exists():
         from fabcraft.body.scan import scan
 
@@ -146,7 +155,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         picture = read_image(recipe.sketch) if recipe.sketch else None
         goal = read_mesh(Path(recipe.guidance)) if recipe.guidance else None
     with clock.stage("body"):
-        body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
+        body = find_body(recipe.body, recipe.body_units, recipe.measures, recipe.height_mm)
         require_wearable(body, recipe.template)
         body = with_contacts(body, contacts)
         template = mask(body, recipe.wall_mm or max(natural_wall_mm(body), profile.wall_mm))
@@ -176,11 +185,13 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
             *_said(notes, body, solid),
             *_stopped(design),
         ),
-        route=(*route, *_how(design), f"laid on the bed {placed.words}"),
+        route=(*_person(body), *route, *_how(design), f"laid on the bed {placed.words}"),
         metrics={
             **found.metrics,
             **likeness(solid.mesh, design.template, relief, design.direct),
             "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
+            **{f"measure_{name}_asked_mm": one.asked_mm for name, one in body.measures.items()},
+            **{f"measure_{name}_mm": one.reached_mm for name, one in body.measures.items()},
         },
         seconds=clock.seconds,
     )
@@ -198,6 +209,16 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         clearance_mm=clearance,
         interrupted=design.interrupted,
     )
+
+
+def _person(body: Body) -> tuple[str, ...]:
+    """The asked measures, in a line of the route; nothing when none were asked."""
+    told = [
+        f"{name.replace('_', ' ')} {f'{one.words}, ' if one.words else ''}{one.asked_mm:.1f} mm asked, "
+        f"{one.reached_mm:.1f} reached"
+        for name, one in body.measures.items()
+    ]
+    return (f"{body.name} of the measures given: {'; '.join(told)}",) if told else ()
 
 
 def _said(notes: list[tuple[bool, str]], body: Body, solid: SolidResult) -> list[Finding]:

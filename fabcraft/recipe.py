@@ -32,13 +32,16 @@ class Recipe:
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     body: str = "man"
-    """Who wears it: man, woman, child, a character (see `fabcraft bodies`), or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
+    """Who wears it: man, woman, teenager, child, toddler, a character (`fabcraft bodies`), or a head scan (STL, OBJ, PLY,
+    GLB, 3MF)."""
     height_mm: float = 0.0
     """Height of a character; 0 is its own."""
     contacts: str = ""
     """File of contacts, where it shall rest or keep away besides the template's own: .toml or .json."""
     body_units: Literal["", "mm", "cm", "m", "in"] = ""
     """Unit of a scan; proposed from its size when left out."""
+    measures: dict[str, float | str] = field(default_factory=dict)
+    """What the wearer measures: mm, or a size of a standard such as "US7" for ring_finger; see `fabcraft bodies show`."""
     printer: str = "prusa-mk4"
     """Printer profile: a name from `fabcraft printers`, or a TOML file."""
     output: tuple[str, ...] = ()
@@ -173,6 +176,9 @@ def recipe_toml(recipe: Recipe) -> str:
             ]
             if inner:
                 tables += ["", f"[{entry.name}]", *inner]
+        elif isinstance(value, Mapping):
+            if value:
+                tables += ["", f"[{entry.name}]", *(f"{key} = {text(one)}" for key, one in value.items())]
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
             if entry.name in ("sketch", "guidance", "body", "contacts", "printer"):
                 value = Path(value).name  # a recipe that travels must not tell where a user keeps their files

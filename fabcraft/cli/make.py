@@ -28,7 +28,11 @@ class Flags:
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     body: str | None = None
-    """Who wears it: man, woman, child, a character (fabcraft bodies), or the file of a head scan. [default: man]"""
+    """Who wears it: man, woman, teenager, child, toddler, a character (fabcraft bodies), or the file of a head
+    scan. [default: man]"""
+    measure: Annotated[tuple[str, ...], Parameter(show_default=False, negative=())] = ()
+    """What the wearer measures, again for more: wrist=158 in mm, or a size: ring_finger=US7, foot=EU42,
+    head=hat58."""
     height: float | None = None
     """Height of a character in mm. [default: its own, a desk toy's]"""
     contacts: str | None = None
@@ -98,6 +102,7 @@ def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: b
 
       fabcraft make mask --sketch cat.png --body woman -o cat.3mf
       fabcraft make mask --sketch cat.png --preset draft -o cat.3mf -o cat.stl
+      fabcraft make mask --sketch cat.png --body woman --measure head=hat57 -o cat.3mf
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
       fabcraft make cat.toml --wall 3
 
@@ -145,6 +150,7 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
             raise InputError(
                 f"--{key.replace('_', '-')} {value} is not a finite number", "Give a number such as 1.5."
             )
+    from fabcraft.body.sizes import parse
     from fabcraft.recipe import Recipe, read_recipe
 
     recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)  # type: ignore[arg-type]
@@ -155,6 +161,8 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
         table, key = _PLACES.get(flag, ("", flag))
         tables.setdefault(table, {})[key] = value
     changes = tables.pop("", {})
+    if "measure" in changes:
+        changes["measures"] = {**recipe.measures, **parse(changes.pop("measure"))}
     changes |= {table: replace(getattr(recipe, table), **values) for table, values in tables.items()}
     return replace(recipe, **changes)
 
