@@ -132,7 +132,9 @@ def _cut_off(body: Body, cut: Cut, name: str) -> Body:
         body,
         name=name,
         mesh=Mesh(part.vertices, part.faces, name),
-        landmarks={key: point for key, point in landmarks.items() if clear(point)},
+        landmarks={
+            key: point for key, point in landmarks.items() if clear(point) or key in cut.measured_from
+        },
         joints={
             key: point for key, point in body.joints.items() if inside(point) or key in cut.measured_from
         },

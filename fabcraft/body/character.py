@@ -103,5 +103,6 @@ def _cuts(model: Model, bones: Points, scales: Mapping[str, float], factor: floa
             ((0.0, ankle[1] + model.foot.behind_mm, 0.0), (0.0, -1.0, 0.0)),
             ((sign * model.foot.inner_x, 0.0, 0.0), (sign, 0.0, 0.0)),
         ]
-        found[f"foot_{side}"] = cut(around, ankle, scales["foot"])
+        kept = [f"{name}_{side}" for name in ("heel", "toe_tip", "ball_medial", "ball_lateral", "instep")]
+        found[f"foot_{side}"] = cut(around, ankle, scales["foot"], *kept)
     return found

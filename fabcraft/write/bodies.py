@@ -41,7 +41,7 @@ def _first(body: Body, names: tuple[str, ...]) -> Body | None:
 
 def _views(part: Body) -> tuple[View, View]:
     """Front and left; of a hand its back and its palm; of a foot its outer side and its sole."""
-    for side in ("left", "right"):
+    for side in ("left", "right") if "vertex" not in part.landmarks else ():
         if f"wrist_back_{side}" in part.landmarks:
             back = part.landmarks[f"wrist_back_{side}"] - part.landmarks[f"wrist_palm_{side}"]
             return _towards(back), _towards(-back)
