@@ -30,11 +30,12 @@ def find_body(
     if height_mm and name not in CHARACTERS:
         raise InputError(
             f"a height of {height_mm:g} mm was asked for {name}, which is no character",
-            f"Give a person --measure height=..., or choose a character: {', '.join(CHARACTERS)}.",
+            "People have it as a measure: --measure height=1700; scans have their own.",
         )
     if measures and (is_file or name in CHARACTERS):
+        kind = "a scan, which has its own" if is_file else "a character: its height decides (--height)"
         raise InputError(
-            f"measures were given ({', '.join(measures)}), but {path.name} has its own",
+            f"measures were given ({', '.join(measures)}), but {path.name} is {kind}",
             f"Leave them out, or give one of {', '.join(PRESETS)} as the body.",
         )
     if name in CHARACTERS:

@@ -8,6 +8,7 @@ import trimesh
 
 from fabcraft.body.body import LEAST_CLEARANCE_MM
 from fabcraft.body.character import CHARACTERS, HEIGHT_MM, character
+from fabcraft.body.measures import measured
 from fabcraft.body.parts import PARTS
 from fabcraft.body.region import RULES
 from fabcraft.errors import InputError
@@ -150,6 +151,22 @@ def test_its_parts_are_closed_and_hold_what_is_worn_there(name):
         for key, region in piece.regions.items():
             whole = body.mesh.vertices[body.regions[key].vertex_indices]
             assert piece.mesh.vertices[region.vertex_indices].mean(0) == pytest.approx(whole.mean(0), abs=0.3)
+
+
+@every
+def test_it_is_measured_as_people_are(name):
+    body = made(name)
+    at = body.landmarks
+    lengths = measured(body, ("neck", "wrist", "foot", "ring_finger", "ring_knuckle"))
+    across = np.linalg.norm(at["jugular_notch"] - at["cervicale"])
+    assert 2.0 * across < lengths["neck"] < 6.0 * across
+    thick = np.linalg.norm(at["wrist_back_left"] - at["wrist_palm_left"])
+    assert 2.5 * thick < lengths["wrist"] < 4.0 * thick
+    assert lengths["foot"] == pytest.approx(at["heel_left"][1] - at["toe_tip_left"][1], rel=0.08)
+    assert at["instep_left"][2] > at["toe_tip_left"][2]
+    assert at["toe_tip_left"][1] < at["instep_left"][1] < at["heel_left"][1]
+    if "ring" not in body.unwearable:
+        assert lengths["ring_knuckle"] < 1.1 * lengths["ring_finger"]  # a ring goes on
 
 
 def test_twice_the_height_is_twice_of_everything_to_the_last_bit():

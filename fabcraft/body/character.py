@@ -85,12 +85,12 @@ def _scales(model: Model, marks: Points) -> dict[str, float]:
 def _cuts(model: Model, bones: Points, scales: Mapping[str, float], factor: float) -> dict[str, Cut]:
     """Where each part is cut off: as the model says, square to the forearm, and around the foot above its ankle."""
 
-    def cut(planes: Sequence[tuple[Any, Any]], anchor: np.ndarray, scale: float) -> Cut:
+    def cut(planes: Sequence[tuple[Any, Any]], anchor: np.ndarray, scale: float, *kept: str) -> Cut:
         sized = [
             (factor * np.array(point), np.array(towards) / np.linalg.norm(towards))
             for point, towards in planes
         ]
-        return Cut(tuple(sized), anchor * factor, scale=scale * factor)
+        return Cut(tuple(sized), anchor * factor, scale=scale * factor, measured_from=kept)
 
     found = {
         "head": cut([model.head.cut], bones["head"], scales["head"]),
@@ -98,11 +98,12 @@ def _cuts(model: Model, bones: Points, scales: Mapping[str, float], factor: floa
     }
     for side, sign in (("left", 1.0), ("right", -1.0)):
         elbow, wrist, ankle = (bones[f"{name}_{side}"] for name in ("lowerarm", "wrist", "foot"))
-        found[f"hand_{side}"] = cut([(elbow, wrist - elbow)], wrist, scales["hand"])
+        found[f"hand_{side}"] = cut([(elbow, wrist - elbow)], wrist, scales["hand"], f"lowerarm_{side}")
         around = [
             ((0.0, 0.0, model.foot.cut_z), (0.0, 0.0, -1.0)),
             ((0.0, ankle[1] + model.foot.behind_mm, 0.0), (0.0, -1.0, 0.0)),
             ((sign * model.foot.inner_x, 0.0, 0.0), (sign, 0.0, 0.0)),
         ]
-        found[f"foot_{side}"] = cut(around, ankle, scales["foot"])
+        kept = [f"{name}_{side}" for name in ("heel", "toe_tip", "ball_medial", "ball_lateral", "instep")]
+        found[f"foot_{side}"] = cut(around, ankle, scales["foot"], *kept)
     return found

@@ -61,10 +61,18 @@ def _head(body: Body, _: str) -> Tape:
     at = body.landmarks
     eyes = (at["eye_left"] + at["eye_right"]) / 2
     middle = np.array([0.0, (at["glabella"][1] + at["opisthocranion"][1]) / 2, eyes[2]])
-    return _extreme(longest, lambda height: girth(body.mesh, middle + _UP * height, _UP), 30.0, 60.0, 4)
+    return _extreme(
+        longest,
+        lambda height: girth(body.mesh, middle + _UP * height, _UP),
+        30.0 * body.scale,
+        60.0 * body.scale,
+        4,
+    )
 
 
 def _head_breadth(body: Body, _: str) -> Tape:
+    if body.kind == "character":  # whose ears may stand on top of its head
+        return between(body.mesh, body.landmarks["euryon_right"], body.landmarks["euryon_left"])
     above = max(body.landmarks[f"ear_tip_{side}"][2] for side in SIDES) + 8.0
     return extent(body.mesh, np.array([1.0, 0.0, 0.0]), body.mesh.vertices[:, 2] > above)
 

@@ -94,21 +94,37 @@ def list_bodies(*, json: bool = False) -> int:
     json
         Print JSON.
     """
+    from fabcraft.body.character import CHARACTERS
     from fabcraft.body.human import PRESETS, human
     from fabcraft.body.measures import measured
 
     keys = ("height", "head", "neck", "wrist", "ring_finger", "foot")
     found = {name: measured(human(name), keys) for name in PRESETS}
     if json:
-        result_json([{"body": name, "measures": _reached(measures, {})} for name, measures in found.items()])
+        people = [{"body": name, "measures": _reached(measures, {})} for name, measures in found.items()]
+        characters = [
+            {
+                "body": one.name,
+                "measures": _reached({"height": one.height_mm}, {}),
+                "unwearable": dict(one.unwearable),
+            }
+            for one in CHARACTERS.values()
+        ]
+        result_json([*people, *characters])
         return 0
     rows = [("name", *(f"{key.replace('_', ' ')}, mm" for key in keys))]
     rows += [(name, *(f"{measures[key]:.0f}" for key in keys)) for name, measures in found.items()]
+    figures = [("character", "height, mm", "what it is", "cannot wear")]
+    figures += [
+        (one.name, f"{one.height_mm:g}", one.title, ", ".join(one.unwearable) or "-")
+        for one in CHARACTERS.values()
+    ]
     more = (
         "One of other measures: fabcraft bodies show woman --measure wrist=160 --measure ring_finger=US7\n"
+        "A character of another height: fabcraft bodies show dinosaur --height 1000\n"
         "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
     )
-    result(f"{_listed(rows)}\n\n{more}")
+    result(f"{_listed(rows)}\n\n{_listed(figures)}\n\n{more}")
     return 0
 
 
@@ -118,6 +134,8 @@ def show_body(
     /,
     *,
     measure: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    height: float | None = None,
+    contacts: str | None = None,
     body_units: Units | None = None,
     picture: str | None = None,
     json: bool = False,
@@ -127,11 +145,15 @@ def show_body(
     Parameters
     ----------
     body
-        man, woman, teenager, child, toddler, or the file of a head scan.
+        man, woman, teenager, child, toddler, a character, or the file of a head scan.
     measure
         What the body measures, again for more: wrist=158 in mm, or a size: ring_finger=US7 (ISO, US, CH, IT,
         ES), foot=EU42 (or MP265), head=hat58 (or US7.25, UK7.125), hand_folded=IN2-6. Hands and feet have a
         left and a right side: wrist_left=160.
+    height
+        Height of a character, mm; its own when left out.
+    contacts
+        File of contacts (.toml, .json) to lay on the body: its regions then are shown, and its places checked.
     body_units
         Unit of the scan; proposed from its size when left out.
     picture
@@ -146,7 +168,11 @@ def show_body(
     from fabcraft.body.measures import folded_hands, measured
     from fabcraft.wearer import find_body
 
-    whole = find_body(body, body_units or "", measures=parse(measure))
+    whole = find_body(body, body_units or "", height or 0.0, parse(measure))
+    if contacts is not None:
+        from fabcraft.body.contacts import read_contacts, with_contacts
+
+        whole = with_contacts(whole, read_contacts(contacts))
     measures = measured(whole) | folded_hands(whole)
     told: dict[str, Any] = {
         "body": whole.name,
@@ -155,6 +181,7 @@ def show_body(
         "measures": _reached(measures, whole.measures),
         "landmarks": {name: _rounded(point) for name, point in whole.landmarks.items()},
         "regions": sorted(whole.regions),
+        "unwearable": dict(whole.unwearable),
         "notes": list(whole.notes),
     }
     if picture is not None:
@@ -177,7 +204,8 @@ def show_body(
     lines += [_listed(rows), ""]
     rows = [("landmark, mm", "x", "y", "z")]
     rows += [(name, *(f"{one:.1f}" for one in point)) for name, point in told["landmarks"].items()]
-    lines += [_listed(rows), *(["", *whole.notes] if whole.notes else []), *wrote(told)]
+    cannot = [f"It cannot wear a {name}: {reason}." for name, reason in whole.unwearable.items()]
+    lines += [_listed(rows), *(["", *whole.notes, *cannot] if whole.notes or cannot else []), *wrote(told)]
     result("\n".join(lines))
     return 0
 
@@ -200,7 +228,13 @@ def list_templates(*, json: bool = False) -> int:
 
 @templates.command(name="show")
 def show_template(
-    name: str, /, *, body: str = "man", body_units: Units | None = None, json: bool = False
+    name: str,
+    /,
+    *,
+    body: str = "man",
+    height: float | None = None,
+    body_units: Units | None = None,
+    json: bool = False,
 ) -> int:
     """Show a template as it lies on a body, before anything shapes it.
 
@@ -209,17 +243,21 @@ def show_template(
     name
         mask.
     body
-        man, woman, teenager, child, toddler, or the file of a head scan.
+        man, woman, teenager, child, toddler, a character, or the file of a head scan.
+    height
+        Height of a character, mm; its own when left out.
     body_units
         Unit of the scan; proposed from its size when left out.
     json
         Print JSON.
     """
     known_template(name)
-    from fabcraft.template.mask import mask
-    from fabcraft.wearer import find_body
+    from fabcraft.template.mask import mask, natural_wall_mm
+    from fabcraft.wearer import find_body, require_wearable
 
-    template = mask(find_body(body, body_units or ""))
+    wearer = find_body(body, body_units or "", height_mm=height or 0.0)
+    require_wearable(wearer, name)
+    template = mask(wearer, natural_wall_mm(wearer))
     told = {
         "template": template.name,
         "body": template.body.name,

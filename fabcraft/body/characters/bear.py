@@ -63,10 +63,10 @@ BEAR = Model(
         cheek=(44, -22, 144),
         temple=(50, -2, 160),
         ear=Ear(shape=_EAR, tip=(42, 0, 202), outermost=(56, -2, 186)),
-        cut=((0, 0, 103), (0, 0, 1)),
+        cut=((0, 0, 101), (0, 0, 1)),
     ),
     neck=Neck(
-        root=(0, -1, 111),
+        root=(0, -1, 117),
         notch=(0, -30, 106),
         nape=(0, 29, 108),
         collarbone=(17, -24, 106),

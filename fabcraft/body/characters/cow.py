@@ -80,14 +80,14 @@ COW = Model(
         cut=((0, -20, 102), (0, -0.66, 0.75)),
     ),
     neck=Neck(
-        root=(0, -20, 106),
+        root=(0, -32, 118),
         notch=(0, -52, 92),
         nape=(0, 6, 118),
         collarbone=(20, -44, 92),
         cut=((0, -2, 64), (0, -0.6, 0.8)),
     ),
     arm=Arm(elbow=(24.6, -21.3, 36), wrist=(25, -22, 25), tip=(25, -24, 6), back=(0, -1, 0), girth_mm=20),
-    foot=Foot(ankle=(26, 72, 26), reach_mm=42, cut_z=40, behind_mm=24),
+    foot=Foot(ankle=(26, 72, 22), reach_mm=42, cut_z=35, behind_mm=24),
     unwearable={
         "helmet": "its horns stand on the crown, where a helmet would sit",
         "visor": "its horns and ears grow where the band would run",

@@ -73,7 +73,7 @@ DINOSAUR = Model(
         cut=((0, 0, 122), (0, -0.25, 1)),
     ),
     neck=Neck(
-        root=(0, 2, 126),
+        root=(0, -1, 136),
         notch=(0, -30, 114),
         nape=(0, 31, 133),
         collarbone=(17, -25, 116),
@@ -87,5 +87,5 @@ DINOSAUR = Model(
         girth_mm=13,
         fingers=_FINGERS,
     ),
-    foot=Foot(ankle=(33, 2, 26), reach_mm=52, cut_z=36, behind_mm=18, inner_x=10),
+    foot=Foot(ankle=(33, 2, 19), reach_mm=52, cut_z=32, behind_mm=24, inner_x=10),
 )

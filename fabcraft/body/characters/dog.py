@@ -42,9 +42,9 @@ def _body() -> Shape:
     fore = joined(8, limb([(22, -22, 66), (24, -26, 14)], (17, 13.5)), _paw(24, -34))
     hind = joined(
         10,
-        ellipsoid((26, 52, 54), (18, 27, 29)),
+        ellipsoid((26, 54, 58), (18, 26, 27)),
         limb([(28, 66, 42), (26, 64, 14)], (15, 13.5)),
-        _paw(26, 55),
+        _paw(26, 52),
     )
     tail = limb([(0, 72, 88), (0, 92, 106), (0, 100, 130), (0, 92, 150)], (12, 10.5, 9.5, 7))
     return joined(8, joined(11, trunk, both_sides(fore), both_sides(hind)), tail)
@@ -82,14 +82,16 @@ DOG = Model(
         cut=((0, -22, 98), (0, -0.66, 0.75)),
     ),
     neck=Neck(
-        root=(0, -22, 101),
+        root=(0, -30, 112),
         notch=(0, -52, 92),
         nape=(0, 2, 112),
         collarbone=(18, -46, 92),
         cut=((0, -2, 60), (0, -0.6, 0.8)),
     ),
-    arm=Arm(elbow=(23.5, -24.5, 37), wrist=(24, -26, 25), tip=(24, -44, 8), back=(0, -1, 0.1), girth_mm=19),
-    foot=Foot(ankle=(26, 63, 24), reach_mm=42, cut_z=34, behind_mm=24),
+    arm=Arm(
+        elbow=(23.4, -24.3, 39), wrist=(23.8, -25.6, 30), tip=(24, -44, 8), back=(0, -1, 0.1), girth_mm=19
+    ),
+    foot=Foot(ankle=(26, 63, 24), reach_mm=42, cut_z=30, behind_mm=24),
     unwearable={
         "helmet": "its ears grow from the crown, where a helmet would sit",
         "visor": "its ears grow where the band would run",

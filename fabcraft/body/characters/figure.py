@@ -50,10 +50,10 @@ FIGURE = Model(
         cheek=(29, 0, 152),
         temple=(28.5, 5, 160),
         ear=None,
-        cut=((0, 0, 116), (0, 0, 1)),
+        cut=((0, 0, 114), (0, 0, 1)),
     ),
     neck=Neck(
-        root=(0, 0, 124),
+        root=(0, 0, 127),
         notch=(0, -16, 124),
         nape=(0, 16, 124),
         collarbone=(16, -10, 124),

@@ -65,10 +65,10 @@ FROG = Model(
         cheek=(52, -24, 146),
         temple=(52, 2, 162),
         ear=None,
-        cut=((0, 0, 104), (0, 0, 1)),
+        cut=((0, 0, 100), (0, 0, 1)),
     ),
     neck=Neck(
-        root=(0, 0, 110),
+        root=(0, 0, 114),
         notch=(0, -25, 108),
         nape=(0, 24, 108),
         collarbone=(14, -20, 107),

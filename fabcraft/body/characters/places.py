@@ -37,7 +37,7 @@ def landmarks(model: Model, shape: Shape, mesh: Mesh) -> Points:
     near = {"menton": head.chin, "jugular_notch": model.neck.notch, "cervicale": model.neck.nape}
     middle |= {key: point(place) for key, place in near.items()}
     left |= {"zygion": point(head.cheek), "collarbone": point(model.neck.collarbone)}
-    left |= _of_ears(model, middle["vertex"][2] - head.chin[2]) | _of_foot(model, mesh)
+    left |= _of_ears(model, middle["vertex"][2] - head.chin[2]) | _of_foot(model, shape, mesh)
     points = np.array([*middle.values(), *left.values()], dtype=np.float64)
     on_skin = dict(zip([*middle, *left], SurfaceDistance(mesh).closest(points).points, strict=True))
     return _mirrored(
@@ -112,7 +112,6 @@ def _rays_of_side(model: Model) -> Rays:
         "wrist_back": (wrist, back),
         "wrist_palm": (wrist, -back),
         "ring_finger_tip": (tip, along),
-        "instep": (point(model.foot.ankle), np.array([0.0, -0.94, -0.34])),
     }
 
 
@@ -124,11 +123,11 @@ def _of_ears(model: Model, height: Number) -> Points:
     return found | {"ear_tip": tip, "ear_outermost": outermost}
 
 
-def _of_foot(model: Model, mesh: Mesh) -> Points:
-    """Ends and sides of the ball, measured as a shoemaker does: seen from above, in shares from heel to toe."""
+def _of_foot(model: Model, shape: Shape, mesh: Mesh) -> Points:
+    """Ends, sides of the ball and instep, as a shoemaker measures: seen from above, in shares from heel to toe."""
     points = mesh.vertices[foot_vertices(model, mesh)]
     low = points[points[:, 2] < 0.75 * model.foot.ankle[2]]
-    heel, toe = low[low[:, 1].argmax()], low[low[:, 1].argmin()]
+    heel, toe = _end(model, low, _BACK), _end(model, low, -_BACK)
     share = (points[:, 1] - heel[1]) / (toe[1] - heel[1])
     ball = points[(share > 0.62) & (share < 0.78) & (points[:, 2] < model.foot.ankle[2])]
     return {
@@ -136,7 +135,24 @@ def _of_foot(model: Model, mesh: Mesh) -> Points:
         "toe_tip": toe,
         "ball_medial": ball[ball[:, 0].argmin()],
         "ball_lateral": ball[ball[:, 0].argmax()],
+        "instep": _instep(model, shape, float(heel[1] - toe[1])),
     }
+
+
+def _end(model: Model, points: np.ndarray, direction: np.ndarray) -> Float64[np.ndarray, "3"]:
+    """The farthest of `points` that way; of those about as far, the one below the middle of the ankle."""
+    reach = points @ direction
+    far = points[reach > reach.max() - 0.25 * model.cell_mm]
+    return far[np.abs(far[:, 0] - model.foot.ankle[0]).argmin()]
+
+
+def _instep(model: Model, shape: Shape, length: float) -> Float64[np.ndarray, "3"]:
+    """The top of the foot a little before the leg; of a hoof, which ends there, the front of its ankle."""
+    ankle = point(model.foot.ankle)
+    shin = _met(shape, {"shin": (ankle * [1.0, 1.0, 0.0] + model.foot.cut_z * _UP, -_BACK)})["shin"]
+    inside = np.array([ankle[0], shin[1] - 0.08 * length, 0.25 * ankle[2]])
+    before_leg = shape.distance(inside[None])[0] < 0.0
+    return _met(shape, {"top": (inside, _UP) if before_leg else (ankle, -_BACK)})["top"]
 
 
 def foot_vertices(model: Model, mesh: Mesh) -> np.ndarray:
@@ -153,7 +169,7 @@ def _met(shape: Shape, rays: Rays) -> Points:
     reach = np.linspace(0.0, 1.2 * shape.radius, 400)
     points = starts[:, None] + reach[:, None] * directions[:, None]
     found = shape.distance(points.reshape(-1, 3)).reshape(len(rays), -1)
-    if (found[:, 0] >= 0.0).any() or (found[:, -1] <= 0.0).any():
+    if (found[:, 0] >= 0.0).any() or not (found > 0.0).any(1).all():
         raise ValueError("a ray does not start inside the shape, or does not leave it")
     first, rows = (found > 0.0).argmax(1), np.arange(len(rays))
     before, after = found[rows, first - 1], found[rows, first]
