@@ -88,7 +88,7 @@ class _Clock:
             self.tell(name, 1, 1)
 
 
-def find_body(name: str, units: str = "", measures: Mapping[str, str | float] | None = None) -> Body:
+def find_body(name: str, units: str = "", measures: Mapping[str, str | float | int] | None = None) -> Body:
     """The body called `name`, of the given measures, or the head scan in that file.
 
     Raises `InputError` when there is neither, and for measures of a scan or out of reach.
