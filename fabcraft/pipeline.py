@@ -139,7 +139,8 @@ def _require_one_input(recipe: Recipe) -> None:
     """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
     given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
     if len(given) != 1:
-        what = " and ".join(given) if given else "neither a sketch, a guidance mesh nor a text"
+        both = "both " if len(given) == 2 else ""
+        what = both + " and ".join(given) if given else "neither a sketch, a guidance mesh nor a text"
         raise InputError(
             f"{what} was given; one of them was expected",
             "Give --sketch FILE, --guidance MESH or --text WORDS.",

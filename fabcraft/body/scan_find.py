@@ -63,7 +63,7 @@ def find(
     rim: Bool[np.ndarray, " N"],
     guesses: Sequence[Guess],
     parts: Mapping[Kind, PartModel],
-    rotations: Mapping[Kind, Float64[np.ndarray, "N 3 3"]],
+    rotations: Mapping[Kind, Float64[np.ndarray, "_ 3 3"]],
     marks: Mapping[str, np.ndarray],
 ) -> Found:
     """The best guess with its fit.
@@ -142,7 +142,7 @@ def _fitted(
     starts: Sequence[_Start],
     scan: Cloud,
     rim: Bool[np.ndarray, " N"],
-    rotations: Float64[np.ndarray, "N 3 3"],
+    rotations: Float64[np.ndarray, "_ 3 3"],
 ) -> tuple[PartFit, Surface]:
     """The best fit of one part over ages and rotations."""
     few = scan.thinned(500)
