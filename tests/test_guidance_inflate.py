@@ -124,7 +124,7 @@ def test_what_the_object_covers_is_the_outline_without_the_openings(relief):
     area = signed_area(relief.outline) - sum(abs(signed_area(opening)) for opening in relief.openings)
     assert solid.sum() * 0.25**2 == pytest.approx(area, rel=0.003)
     room = relief.room_at(np.vstack([relief.outline, *relief.openings]))
-    assert np.abs(room).max() < 1.0
+    assert np.abs(room).max() < 1.1  # the grid of the room is 1 mm
 
 
 def test_the_mesh_of_a_relief_is_a_clean_sheet_at_its_height(relief):

@@ -105,7 +105,7 @@ def list_bodies(*, json: bool = False) -> int:
         characters = [
             {
                 "body": one.name,
-                "measures": _reached({"height": one.height_mm}, {}),
+                "measures": _reached({"height": float(one.height_mm)}, {}),
                 "unwearable": dict(one.unwearable),
             }
             for one in CHARACTERS.values()

@@ -18,6 +18,8 @@ from fabcraft.mesh import Mesh
 WORST = 0.1
 """A match that misses by more than this share of the object's size is refused."""
 _COARSE, _FINE = 400, 2500
+_REFINED = 6
+"""So many of the turns are refined to the end: coarse points rank them roughly."""
 _KEPT = 0.9
 """Share of the pairs that ICP goes by: horns are few points, and say more about the turn than the ball they stand on."""
 
@@ -61,9 +63,13 @@ def aligned(goal: Mesh, onto: Mesh, force: bool = False) -> Aligned:
         similarity_icp(coarse, target, coarse_normals, target_normals, start, 20, _KEPT, weight, scales)
         for start in starts
     ]
-    best = min(tried, key=lambda one: _miss(one.points(coarse), target))
+    ranked = sorted(tried, key=lambda one: _miss(one.points(coarse), target))
     (fine, fine_normals), (target, target_normals) = _spread(goal, _FINE), _spread(onto, _FINE)
-    found = similarity_icp(fine, target, fine_normals, target_normals, best, 40, _KEPT, weight, scales)
+    refined = [
+        similarity_icp(fine, target, fine_normals, target_normals, start, 40, _KEPT, weight, scales)
+        for start in ranked[:_REFINED]
+    ]
+    found = min(refined, key=lambda one: _miss(one.points(fine), target))
     residual = _miss(found.points(fine), target) / size
     if residual > WORST and not force:
         raise InputError(
