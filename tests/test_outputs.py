@@ -20,7 +20,7 @@ from fabcraft.errors import InputError
 from fabcraft.outputs import side_files, write_all
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe, recipe_of
-from fabcraft.write.landmarks import body_picture
+from fabcraft.write.bodies import body_picture
 from fabcraft.write.places import require_places, write_together
 from fabcraft.write.threemf import read_recipe, read_report
 
@@ -184,7 +184,7 @@ def test_when_one_file_fails_the_others_go_again(tmp_path: Path, reason: BaseExc
     assert [path.name for path in tmp_path.iterdir()] == ["c"]
 
 
-def test_the_body_picture_marks_the_landmarks() -> None:
+def test_the_picture_of_a_head_marks_its_landmarks() -> None:
     image = body_picture(human("man").part("head"))
     red = (image[..., 0] > 180) & (image[..., 1] < 60) & (image[..., 2] < 60)
     assert red.sum() > 600

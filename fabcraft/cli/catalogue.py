@@ -93,7 +93,7 @@ def list_bodies(*, json: bool = False) -> int:
     json
         Print JSON.
     """
-    from fabcraft.body.human import PRESETS, human
+    from fabcraft.body.human import PRESETS, WHO, human
     from fabcraft.body.measures import measured
 
     keys = ("height", "head", "neck", "wrist", "ring_finger", "foot")
@@ -101,8 +101,8 @@ def list_bodies(*, json: bool = False) -> int:
     if json:
         result_json([{"body": name, "measures": _reached(measures, {})} for name, measures in found.items()])
         return 0
-    rows = [("name", *(f"{key.replace('_', ' ')}, mm" for key in keys))]
-    rows += [(name, *(f"{measures[key]:.0f}" for key in keys)) for name, measures in found.items()]
+    rows = [("name, mm", *(key.replace("_", " ") for key in keys), "who")]
+    rows += [(name, *(f"{measures[key]:.0f}" for key in keys), WHO[name]) for name, measures in found.items()]
     more = (
         "One of other measures: fabcraft bodies show woman --measure wrist=160 --measure ring_finger=US7\n"
         "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
