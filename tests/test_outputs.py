@@ -184,7 +184,7 @@ def test_when_one_file_fails_the_others_go_again(tmp_path: Path, reason: BaseExc
     assert [path.name for path in tmp_path.iterdir()] == ["c"]
 
 
-def test_the_body_picture_marks_the_landmarks() -> None:
+def test_the_picture_of_a_head_marks_its_landmarks() -> None:
     image = body_picture(human("man").part("head"))
     red = (image[..., 0] > 180) & (image[..., 1] < 60) & (image[..., 2] < 60)
     assert red.sum() > 600

@@ -180,10 +180,10 @@ class Fitter:
                 parts[part] = skin.at(person)
             tape = MEASURES[measure].read(parts[part], side)
             values.append(tape.length_mm)
-            slopes.append(self._slope(tape, skin))
+            slopes.append(self._slope(tape, skin.part))
         return np.array(values), np.array(slopes).reshape(len(values), len(coefficients))
 
-    def _slope(self, tape: Tape, skin: "_Skin") -> Float64[np.ndarray, " K"]:
+    def _slope(self, tape: Tape, skin: PartSkin) -> Float64[np.ndarray, " K"]:
         """d length / d c: the pull of every point, carried to the vertices and joints of the model."""
         pull = np.zeros((skin.matrix.shape[0], 3))
         np.add.at(pull, tape.edges[:, 0], (1.0 - tape.shares)[:, None] * tape.pull)
@@ -198,21 +198,24 @@ class Fitter:
 
 
 @dataclass(frozen=True, eq=False)
-class _Skin(PartSkin):
-    """A part's subdivision with the fine vertex of every landmark on it."""
+class _Skin:
+    """A part's subdivision, and where the landmarks are on it."""
 
+    part: PartSkin
     landmarks: Mapping[str, int]
+    """Vertex of the fine skin of every landmark that it has."""
 
     def at(self, person: Body) -> Body:
         """The part of `person`, smoothed, neither cut nor capped; for measuring."""
-        fine = self.fine.with_vertices(self.matrix @ person.mesh.vertices[self.old_of_new])
+        skin = self.part
+        fine = skin.fine.with_vertices(skin.matrix @ person.mesh.vertices[skin.old_of_new])
         places = {key: fine.vertices[index] for key, index in self.landmarks.items()}
         places |= {key: person.landmarks[key] for key in ("eye_left", "eye_right")}
         return Body(person.name, fine, places, {}, "human", person.joints)
 
 
 def _skin(model: HumanModel, person: Body, name: str) -> _Skin:
-    """The frozen skin of a part, or of the whole body when it has no name."""
+    """The skin of a part of `person`, or of the whole body when it has no name."""
     if name:
         skin = part_skin(person, cut_of(name, person.name, person.joints, person.landmarks))
     else:
@@ -221,4 +224,4 @@ def _skin(model: HumanModel, person: Body, name: str) -> _Skin:
     place: Int64[np.ndarray, " V"] = np.full(len(person.mesh.vertices), -1)
     place[skin.old_of_new] = np.arange(len(skin.old_of_new))
     on = {key: int(place[index]) for key, index in model.landmarks.items() if place[index] >= 0}
-    return _Skin(skin.coarse, skin.old_of_new, skin.matrix, skin.fine, on)
+    return _Skin(skin, on)

@@ -14,10 +14,15 @@ from jaxtyping import Float64, Int64
 FINGERS = (1, 2, 3, 4, 5)
 """Thumb, index, middle, ring, little finger; each has three bones."""
 
-_BEND_DEG = {1: (4.0, 8.0, 14.0), 2: (14.0, 24.0, 12.0), 3: (18.0, 28.0, 14.0), 4: (20.0, 30.0, 15.0)}
-_BEND_DEG[5] = (22.0, 30.0, 15.0)
+_BEND_DEG = {
+    1: (4.0, 8.0, 14.0),
+    2: (14.0, 24.0, 12.0),
+    3: (18.0, 28.0, 14.0),
+    4: (20.0, 30.0, 15.0),
+    5: (22.0, 30.0, 15.0),
+}
 """Flexion at the three joints of each finger."""
-_CLOSER = 0.45
+_CLOSER = 0.35
 """Share of the angle to the middle finger that the other fingers lose."""
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 

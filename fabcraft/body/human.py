@@ -19,7 +19,15 @@ from fabcraft.body.model import HumanModel, human_model
 from fabcraft.body.sizes import FOLDED_HAND, Asked, asked
 from fabcraft.errors import InputError
 
-PRESETS = ("man", "woman", "teenager", "child", "toddler")
+WHO = {
+    "man": "mean of ANSUR II",
+    "woman": "mean of ANSUR II",
+    "teenager": "14 years, CDC stature",
+    "child": "9 years, CDC stature",
+    "toddler": "2 years, WHO height and head",
+}
+"""The presets, and whom each stands for."""
+PRESETS = tuple(WHO)
 Hand = Literal["flat", "relaxed"]
 
 

@@ -46,8 +46,12 @@ STANDARDS: Mapping[str, Mapping[str, _Rule]] = {
 }
 """Measure to its standards: name to mm."""
 
-_EXAMPLES = {"ring_finger": "54, ISO54 or US7", "head": "574, hat58 or US7.25", "foot": "265, EU42 or MP265"}
-_EXAMPLES[FOLDED_HAND] = "200 or IN2-6"
+_EXAMPLES = {
+    "ring_finger": "54, ISO54 or US7",
+    "head": "574, hat58 or US7.25",
+    "foot": "265, EU42 or MP265",
+    FOLDED_HAND: "200 or IN2-6",
+}
 _LARGEST_MM = 3000.0
 
 

@@ -95,7 +95,7 @@ def list_bodies(*, json: bool = False) -> int:
         Print JSON.
     """
     from fabcraft.body.character import CHARACTERS
-    from fabcraft.body.human import PRESETS, human
+    from fabcraft.body.human import PRESETS, WHO, human
     from fabcraft.body.measures import measured
 
     keys = ("height", "head", "neck", "wrist", "ring_finger", "foot")
@@ -112,8 +112,8 @@ def list_bodies(*, json: bool = False) -> int:
         ]
         result_json([*people, *characters])
         return 0
-    rows = [("name", *(f"{key.replace('_', ' ')}, mm" for key in keys))]
-    rows += [(name, *(f"{measures[key]:.0f}" for key in keys)) for name, measures in found.items()]
+    rows = [("name, mm", *(key.replace("_", " ") for key in keys), "who")]
+    rows += [(name, *(f"{measures[key]:.0f}" for key in keys), WHO[name]) for name, measures in found.items()]
     figures = [("character", "height, mm", "what it is", "cannot wear")]
     figures += [
         (one.name, f"{one.height_mm:g}", one.title, ", ".join(one.unwearable) or "-")

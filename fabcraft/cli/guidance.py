@@ -35,7 +35,7 @@ def guidance(
     template
         mask.
     body
-        man, woman, child, or the file of a head scan.
+        man, woman, teenager, child, toddler, or the file of a head scan.
     body_units
         Unit of the scan; proposed from its size when left out.
     show_input

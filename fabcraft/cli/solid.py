@@ -51,8 +51,8 @@ def solid(
     wall
         Thickness in mm of sheets, and least thickness of solids.
     body
-        man, woman, child, or a mesh file, in the surface's own coordinates: what comes nearer to it than the
-        clearance is cut away.
+        man, woman, teenager, child, toddler, or a mesh file, in the surface's own coordinates: what comes
+        nearer to it than the clearance is cut away.
     body_units
         Unit of the body's file.
     clearance
