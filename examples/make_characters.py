@@ -56,7 +56,9 @@ def main() -> None:
     for name, model in CHARACTERS.items():
         body = character(name)
         pair = contact_sheet([portrait(body), chart(body)], columns=2, gap=0)
-        cannot = f"; cannot wear {', '.join(model.unwearable)}" if model.unwearable else "; can wear everything"
+        cannot = (
+            f"; cannot wear {', '.join(model.unwearable)}" if model.unwearable else "; can wear everything"
+        )
         cells.append(labelled(pair, f"{name}, {model.height_mm:g} mm{cannot}", height=30))
     sheet = contact_sheet(cells, columns=2)
     path = Path(__file__).parent / "pictures" / "characters.png"

@@ -98,7 +98,7 @@ def contact_findings(solid: Mesh, template: Template, relief: Relief) -> list[Fi
                     value=round(least, 2),
                     limit=region.never_closer_mm,
                     unit="mm",
-                    advice=f"It comes nearer to the {words} than was asked. Move the drawing (--up, --left), or ask for less.",
+                    advice=f"It comes nearer to the {words} than was asked. Move the drawing (--up, --left).",
                 )
             )
         covered = _covered(name, template, relief) if name in template.contacts else np.zeros(0, dtype=bool)

@@ -158,7 +158,11 @@ def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dic
         "side": lambda: on_body("side"),
         "back": lambda: scene_picture([Item(made.object)], VIEWS["back"], PORTRAIT),
         "fit": lambda: penetration_map(
-            made.object, made.clearance_mm, VIEWS["back"], BESIDE_BAR, limit_mm=FIT_LIMIT_MM * made.template.scale
+            made.object,
+            made.clearance_mm,
+            VIEWS["back"],
+            BESIDE_BAR,
+            limit_mm=FIT_LIMIT_MM * made.template.scale,
         ),
         "contacts": lambda: contact_picture(head, made.template.contacts),
         "input": drawing,

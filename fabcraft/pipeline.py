@@ -109,7 +109,11 @@ def find_body(
     if name in PRESETS:
         return human(name, measures)
     if measures:
-        kind = "a character: its height decides (--height)" if name in CHARACTERS else "a scan, which has its own"
+        kind = (
+            "a character: its height decides (--height)"
+            if name in CHARACTERS
+            else "a scan, which has its own"
+        )
         raise InputError(
             f"measures were given ({', '.join(measures)}), but {path.name} is {kind}",
             f"Leave them out, or give one of {', '.join(PRESETS)} as the body.",

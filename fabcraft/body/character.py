@@ -87,7 +87,8 @@ def _cuts(model: Model, bones: Points, scales: Mapping[str, float], factor: floa
 
     def cut(planes: Sequence[tuple[Any, Any]], anchor: np.ndarray, scale: float, *kept: str) -> Cut:
         sized = [
-            (factor * np.array(point), np.array(towards) / np.linalg.norm(towards)) for point, towards in planes
+            (factor * np.array(point), np.array(towards) / np.linalg.norm(towards))
+            for point, towards in planes
         ]
         return Cut(tuple(sized), anchor * factor, scale=scale * factor, measured_from=kept)
 

@@ -61,7 +61,8 @@ def _head(body: Body, _: str) -> Tape:
     at = body.landmarks
     eyes = (at["eye_left"] + at["eye_right"]) / 2
     middle = np.array([0.0, (at["glabella"][1] + at["opisthocranion"][1]) / 2, eyes[2]])
-    return _extreme(longest, lambda height: girth(body.mesh, middle + _UP * height, _UP), 30.0 * body.scale, 60.0 * body.scale, 4)
+    up = body.scale * _UP
+    return _extreme(longest, lambda height: girth(body.mesh, middle + up * height, _UP), 30.0, 60.0, 4)
 
 
 def _head_breadth(body: Body, _: str) -> Tape:

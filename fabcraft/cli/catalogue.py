@@ -227,7 +227,13 @@ def list_templates(*, json: bool = False) -> int:
 
 @templates.command(name="show")
 def show_template(
-    name: str, /, *, body: str = "man", height: float | None = None, body_units: Units | None = None, json: bool = False
+    name: str,
+    /,
+    *,
+    body: str = "man",
+    height: float | None = None,
+    body_units: Units | None = None,
+    json: bool = False,
 ) -> int:
     """Show a template as it lies on a body, before anything shapes it.
 

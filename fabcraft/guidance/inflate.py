@@ -140,7 +140,10 @@ def _visible(placed: PlacedDrawing, template: Template) -> list[np.ndarray]:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], keep.astype(int), [0]])))
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
             piece = stroke[start:stop]
-            if len(piece) > 1 and np.linalg.norm(np.diff(piece, axis=0), axis=1).sum() >= 4.0 * template.scale:
+            if (
+                len(piece) > 1
+                and np.linalg.norm(np.diff(piece, axis=0), axis=1).sum() >= 4.0 * template.scale
+            ):
                 pieces.append(piece)
     return pieces
 

@@ -172,4 +172,3 @@ def _with_room(placed: PlacedDrawing, template: Template, settings: PlacementSet
         f"at least {margin:.1f} mm of material are needed around them",
         "Move the eyes further from the outline, or try --scale, --up or --left.",
     )
-

@@ -1,13 +1,25 @@
 """The bear: stands upright, arms a little away from a round belly."""
 
 from fabcraft.body.characters.model import Arm, Ear, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
+from fabcraft.body.characters.shapes import (
+    Shape,
+    ball,
+    both_sides,
+    carved,
+    crease,
+    ellipsoid,
+    joined,
+    limb,
+    standing,
+)
 
 _EAR = ellipsoid((38, 0, 184), (19, 10.5, 18), (0, 0, -14))
 
 
 def _head() -> Shape:
-    skull = joined(14, ellipsoid((0, -6, 152), (50, 43, 41)), both_sides(ellipsoid((25, -18, 140), (24, 23, 20))))
+    skull = joined(
+        14, ellipsoid((0, -6, 152), (50, 43, 41)), both_sides(ellipsoid((25, -18, 140), (24, 23, 20)))
+    )
     head = joined(7, skull, ellipsoid((0, -42, 138), (23, 18, 17)))  # the muzzle
     head = joined(6, head, both_sides(_EAR))
     return carved(5, head, both_sides(ellipsoid((39, -12, 185), (11.5, 8, 10.5))))

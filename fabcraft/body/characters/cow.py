@@ -1,7 +1,18 @@
 """The cow: on four hooves, horned, with a broad muzzle and ears to the sides."""
 
 from fabcraft.body.characters.model import Arm, Ear, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, drum, ellipsoid, joined, limb, standing
+from fabcraft.body.characters.shapes import (
+    Shape,
+    ball,
+    both_sides,
+    carved,
+    crease,
+    drum,
+    ellipsoid,
+    joined,
+    limb,
+    standing,
+)
 
 _EAR = ellipsoid((58, -44, 152), (25, 9, 13.5), (0, 20, -10))
 
@@ -12,7 +23,9 @@ def _head() -> Shape:
     head = joined(10, skull, joined(10, ellipsoid((0, -86, 116), (31, 22, 20)), both_sides(lip)))
     head = joined(6, head, both_sides(_EAR))
     head = joined(4, head, both_sides(limb([(24, -46, 170), (35, -46, 184), (35, -48, 200)], (10.5, 8.5, 5))))
-    head = joined(4, head, ellipsoid((0, -80, 174), (13, 11, 9)), ellipsoid((0, -72, 181), (16, 13, 9)))  # the tuft
+    head = joined(
+        4, head, ellipsoid((0, -80, 174), (13, 11, 9)), ellipsoid((0, -72, 181), (16, 13, 9))
+    )  # the tuft
     return carved(4, head, both_sides(ellipsoid((62, -56, 151), (15, 8, 8), (0, 20, -10))))
 
 
@@ -20,9 +33,15 @@ def _body() -> Shape:
     trunk = joined(16, ellipsoid((0, -10, 80), (40, 36, 40)), ellipsoid((0, 48, 80), (41, 50, 39)))
     trunk = joined(12, trunk, limb([(0, -16, 98), (0, -44, 122)], (32, 30)))
     fore = joined(2.5, limb([(24, -20, 66), (25, -22, 14)], (17, 14.5)), drum((25, -23, 8), 18, 12, 5.5))
-    thigh = joined(10, ellipsoid((27, 66, 60), (17, 27, 30)), limb([(27, 72, 44), (26, 72, 14)], (15.5, 14.5)))
+    thigh = joined(
+        10, ellipsoid((27, 66, 60), (17, 27, 30)), limb([(27, 72, 44), (26, 72, 14)], (15.5, 14.5))
+    )
     hind = joined(2.5, thigh, drum((26, 71, 8), 18, 12, 5.5))
-    tail = joined(3, limb([(0, 92, 104), (0, 112, 88), (0, 113, 62)], (7, 6, 6)), ellipsoid((0, 113, 48), (9.5, 9.5, 15)))
+    tail = joined(
+        3,
+        limb([(0, 92, 104), (0, 112, 88), (0, 113, 62)], (7, 6, 6)),
+        ellipsoid((0, 113, 48), (9.5, 9.5, 15)),
+    )
     teat = limb([(8, 34, 34), (8, 34, 27)], (4.5, 4))
     udder = joined(3, ellipsoid((0, 40, 43), (22, 24, 12)), both_sides(teat))
     return joined(5, joined(8, joined(10, trunk, both_sides(fore), both_sides(hind)), tail), udder)

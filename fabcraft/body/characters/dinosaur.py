@@ -1,7 +1,18 @@
 """The dinosaur: upright on two feet and a long tail, with a row of spikes down its back; its crown is bare."""
 
 from fabcraft.body.characters.model import Arm, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing, thorn
+from fabcraft.body.characters.shapes import (
+    Shape,
+    ball,
+    both_sides,
+    carved,
+    crease,
+    ellipsoid,
+    joined,
+    limb,
+    standing,
+    thorn,
+)
 
 _SPIKES = (
     ((0, 26, 146), 9, 11), ((0, 33, 124), 11, 15), ((0, 44, 101), 12.5, 17), ((0, 58, 78), 12.5, 17),

@@ -1,7 +1,18 @@
 """The dog: on four legs, with hanging ears and its tail up."""
 
 from fabcraft.body.characters.model import Arm, Ear, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Number, Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
+from fabcraft.body.characters.shapes import (
+    Number,
+    Shape,
+    ball,
+    both_sides,
+    carved,
+    crease,
+    ellipsoid,
+    joined,
+    limb,
+    standing,
+)
 
 _EAR = joined(
     4,
@@ -11,7 +22,9 @@ _EAR = joined(
 
 
 def _head() -> Shape:
-    skull = joined(14, ellipsoid((0, -50, 140), (45, 40, 40)), both_sides(ellipsoid((20, -64, 126), (24, 23, 20))))
+    skull = joined(
+        14, ellipsoid((0, -50, 140), (45, 40, 40)), both_sides(ellipsoid((20, -64, 126), (24, 23, 20)))
+    )
     jowl = ellipsoid((10, -94, 118), (13, 14, 13))
     muzzle = joined(8, ellipsoid((0, -86, 122), (23, 22, 17)), both_sides(jowl))
     return joined(5, joined(8, skull, muzzle), both_sides(_EAR))
@@ -28,7 +41,10 @@ def _body() -> Shape:
     trunk = joined(12, trunk, limb([(0, -18, 92), (0, -40, 118)], (30, 30)))
     fore = joined(8, limb([(22, -22, 66), (24, -26, 14)], (17, 13.5)), _paw(24, -34))
     hind = joined(
-        10, ellipsoid((26, 54, 58), (18, 26, 27)), limb([(28, 66, 42), (26, 64, 14)], (15, 13.5)), _paw(26, 52)
+        10,
+        ellipsoid((26, 54, 58), (18, 26, 27)),
+        limb([(28, 66, 42), (26, 64, 14)], (15, 13.5)),
+        _paw(26, 52),
     )
     tail = limb([(0, 72, 88), (0, 92, 106), (0, 100, 130), (0, 92, 150)], (12, 10.5, 9.5, 7))
     return joined(8, joined(11, trunk, both_sides(fore), both_sides(hind)), tail)
@@ -72,7 +88,9 @@ DOG = Model(
         collarbone=(18, -46, 92),
         cut=((0, -2, 60), (0, -0.6, 0.8)),
     ),
-    arm=Arm(elbow=(23.4, -24.3, 39), wrist=(23.8, -25.6, 30), tip=(24, -44, 8), back=(0, -1, 0.1), girth_mm=19),
+    arm=Arm(
+        elbow=(23.4, -24.3, 39), wrist=(23.8, -25.6, 30), tip=(24, -44, 8), back=(0, -1, 0.1), girth_mm=19
+    ),
     foot=Foot(ankle=(26, 63, 24), reach_mm=42, cut_z=30, behind_mm=24),
     unwearable={
         "helmet": "its ears grow from the crown, where a helmet would sit",

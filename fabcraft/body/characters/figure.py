@@ -1,7 +1,18 @@
 """The block figure: a round head with a stud, a tapering torso, square legs and hands that grip."""
 
 from fabcraft.body.characters.model import Arm, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, box, carved, crease, drum, joined, limb, standing
+from fabcraft.body.characters.shapes import (
+    Shape,
+    ball,
+    both_sides,
+    box,
+    carved,
+    crease,
+    drum,
+    joined,
+    limb,
+    standing,
+)
 
 
 def _shape() -> Shape:

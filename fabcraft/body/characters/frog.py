@@ -1,7 +1,17 @@
 """The frog: stands upright, eyes on top of a wide head, three fingers on each hand."""
 
 from fabcraft.body.characters.model import Arm, Foot, Head, Model, Neck
-from fabcraft.body.characters.shapes import Shape, ball, both_sides, carved, crease, ellipsoid, joined, limb, standing
+from fabcraft.body.characters.shapes import (
+    Shape,
+    ball,
+    both_sides,
+    carved,
+    crease,
+    ellipsoid,
+    joined,
+    limb,
+    standing,
+)
 
 _FINGERS = (
     ((57.5, -25, 61), (54, -29, 55.5), (50, -33, 50)),

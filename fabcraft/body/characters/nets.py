@@ -36,7 +36,9 @@ def symmetric_mesh(shape: Shape, bounds: Float64[np.ndarray, "2 3"], cell_mm: fl
     return Mesh(np.concatenate([points, mirrored]), every.astype(np.int32))
 
 
-def _sampled(shape: Shape, bounds: np.ndarray, cell_mm: float) -> tuple[np.ndarray, Float64[np.ndarray, "X Y Z"]]:
+def _sampled(
+    shape: Shape, bounds: np.ndarray, cell_mm: float
+) -> tuple[np.ndarray, Float64[np.ndarray, "X Y Z"]]:
     """Place of the first node, and the distance at every node near the surface (its sign alone elsewhere).
 
     The first layers of nodes lie half a cell on either side of x = 0.
@@ -108,14 +110,18 @@ def _patches() -> Int64[np.ndarray, "256 12"]:
     rings = []
     for axis in range(3):
         along, j, k = (np.eye(3, dtype=np.int64)[(axis + n) % 3] for n in range(3))
-        rings += [[int((side + turn) @ [4, 2, 1]) for turn in (0 * j, j, j + k, k)] for side in (0 * j, along)]
+        rings += [
+            [int((side + turn) @ [4, 2, 1]) for turn in (0 * j, j, j + k, k)] for side in (0 * j, along)
+        ]
     for pattern in range(256):
         inside = [bool(pattern >> corner & 1) for corner in range(8)]
         label = list(range(12))
         for ring in rings:
             edges = [edge_of[frozenset((ring[n], ring[(n + 1) % 4]))] for n in range(4)]
             crossed = [n for n in range(4) if inside[ring[n]] != inside[ring[(n + 1) % 4]]]
-            pairs = [(n - 1, n) for n in range(4) if inside[ring[n]]] if len(crossed) == 4 else [tuple(crossed)]
+            pairs = (
+                [(n - 1, n) for n in range(4) if inside[ring[n]]] if len(crossed) == 4 else [tuple(crossed)]
+            )
             for one, other in (pair for pair in pairs if pair):
                 low, high = sorted((label[edges[one]], label[edges[other]]))
                 label = [low if old == high else old for old in label]
@@ -126,7 +132,9 @@ def _patches() -> Int64[np.ndarray, "256 12"]:
     return table
 
 
-def _relaxed(shape: Shape, points: np.ndarray, quads: np.ndarray, seam: np.ndarray, cell_mm: float) -> np.ndarray:
+def _relaxed(
+    shape: Shape, points: np.ndarray, quads: np.ndarray, seam: np.ndarray, cell_mm: float
+) -> np.ndarray:
     """Every vertex to the middle of its neighbours and back onto the surface, again and again; the seam stays at x = 0."""
     pairs = np.concatenate([quads, np.roll(quads, -1, axis=1)]).reshape(2, -1)
     graph = coo_matrix((np.ones(pairs.shape[1]), pairs), shape=(len(points),) * 2).tocsr()

@@ -48,7 +48,9 @@ def regions(
 
     mesh, marks, joints : as it is modelled; scales : size of head, hand and foot there over a median man's.
     """
-    members = _of_face(model, mesh, marks, scales["head"]) | _of_skull_and_neck(model, mesh, marks, scales["head"])
+    members = _of_face(model, mesh, marks, scales["head"]) | _of_skull_and_neck(
+        model, mesh, marks, scales["head"]
+    )
     members |= _of_hand(model, mesh, joints, scales["hand"]) | _of_foot(model, mesh, marks, scales["foot"])
     opposite = cKDTree(mesh.vertices).query(mesh.vertices * [-1.0, 1.0, 1.0])[1]
     found = {}
@@ -70,7 +72,9 @@ def _of_face(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
 
     eye, brow, root = np.array(model.head.eye), marks["glabella"][2], marks["sellion"]
     found = {
-        "forehead": front([(x, brow + 12.0 * scale) for x in scale * np.linspace(-30.0, 30.0, 9)], 9.0 * scale),
+        "forehead": front(
+            [(x, brow + 12.0 * scale) for x in scale * np.linspace(-30.0, 30.0, 9)], 9.0 * scale
+        ),
         "cheekbone": front([(eye[0] + 10.0 * scale, eye[2] - 30.0 * scale)], 12.0 * scale),
         "nose_bridge": _disc(model, mesh, root[None], 8.0 * scale),
         "nose_tip": _disc(model, mesh, marks["pronasale"][None], 10.0 * scale),
@@ -115,7 +119,9 @@ def _of_skull_and_neck(model: Model, mesh: Mesh, marks: Points, scale: float) ->
 def _of_hand(model: Model, mesh: Mesh, joints: Points, scale: float) -> Members:
     wrist, elbow = joints["wrist_left"], joints["lowerarm_left"]
     length = float(np.linalg.norm(elbow - wrist))
-    found = {"wrist": _band(mesh, wrist, elbow, (-6.0 * scale / length, 13.0 * scale / length), model.arm.girth_mm)}
+    found = {
+        "wrist": _band(mesh, wrist, elbow, (-6.0 * scale / length, 13.0 * scale / length), model.arm.girth_mm)
+    }
     if "finger4_1_left" in joints:
         base, knuckle = joints["finger4_1_left"], joints["finger4_2_left"]
         thick = 0.6 * float(np.linalg.norm(joints["finger4_1_left"] - joints["finger2_1_left"]))

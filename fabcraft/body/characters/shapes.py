@@ -8,6 +8,7 @@ the surface by up to a quarter of `blend`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64
@@ -64,14 +65,17 @@ def ball(centre: Point, radius: Number) -> Shape:
 def limb(points: Sequence[Point], radii: Sequence[Number]) -> Shape:
     """A round tube through `points`, curved where there are more than two, with a radius at each."""
     spans = _SPANS if len(points) > 2 else 1
-    places, widths = _curve(np.array(points, dtype=np.float64), spans), _curve(np.array(radii, dtype=np.float64), spans)
+    places, widths = (
+        _curve(np.array(points, dtype=np.float64), spans),
+        _curve(np.array(radii, dtype=np.float64), spans),
+    )
     return joined(0.0, *map(_round_cone, places[:-1], places[1:], widths[:-1], widths[1:]))
 
 
 def crease(shape: Shape, points: Sequence[Point], radius: Number) -> Shape:
     """A tube along the surface of `shape` below or above a curve through `points`; carved off, it leaves a groove."""
     places, _ = _on_surface(shape, _curve(np.array(points, dtype=np.float64), 2 * _SPANS))
-    return joined(0.0, *[_round_cone(a, b, radius, radius) for a, b in zip(places[:-1], places[1:], strict=True)])
+    return joined(0.0, *[_round_cone(a, b, radius, radius) for a, b in pairwise(places)])
 
 
 def thorn(shape: Shape, near: Point, radius: Number, height: Number) -> Shape:
