@@ -91,7 +91,10 @@ class _Clock:
 
 
 def find_body(
-    name: str, units: str = "", measures: Mapping[str, str | float] | None = None, height_mm: float = 0.0
+    name: str,
+    units: str = "",
+    measures: Mapping[str, str | float | int] | None = None,
+    height_mm: float | int = 0.0,
 ) -> Body:
     """The body called `name`, of the given measures, or the head scan in that file.
 
@@ -99,35 +102,31 @@ def find_body(
     Raises `InputError` when there is no such body, for measures that it cannot have, and for a height that is not for it.
     """
     path = Path(name)
-    if name in CHARACTERS and not measures:
-        return character(name, height_mm)
-    if height_mm:
+    if height_mm and name not in CHARACTERS:
         raise InputError(
             f"a height of {height_mm:g} mm was asked for {name}, which is no character",
             "People have it as a measure: --measure height=1700; scans have their own.",
         )
     if name in PRESETS:
         return human(name, measures)
-    if measures:
-        kind = (
-            "a character: its height decides (--height)"
-            if name in CHARACTERS
-            else "a scan, which has its own"
+    known = (*PRESETS, *CHARACTERS)
+    if name not in CHARACTERS and not (path.suffix or path.exists()):
+        close = get_close_matches(name, known, n=1)
+        raise InputError(
+            f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
+            f"Choose one of: {', '.join(known)}; or give the path of a head scan.",
         )
+    if measures:
+        kind = "a character, which its height decides" if name in CHARACTERS else "a scan, which has its own"
         raise InputError(
             f"measures were given ({', '.join(measures)}), but {path.name} is {kind}",
             f"Leave them out, or give one of {', '.join(PRESETS)} as the body.",
         )
-    if path.suffix or path.exists():
-        from fabcraft.body.scan import scan
+    if name in CHARACTERS:
+        return character(name, height_mm)
+    from fabcraft.body.scan import scan
 
-        return scan(path, units or None)
-    known = (*PRESETS, *CHARACTERS)
-    close = get_close_matches(name, known, n=1)
-    raise InputError(
-        f"there is no body called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Choose one of: {', '.join(known)}; or give the path of a head scan.",
-    )
+    return scan(path, units or None)
 
 
 def require_wearable(body: Body, template: str) -> None:

@@ -156,14 +156,59 @@ def test_guidance_takes_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture) ->
     assert told["route"][0].startswith("guidance mesh egg.stl")
 
 
-def test_bodies_show_draws_the_landmarks(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    picture = tmp_path / "head.png"
+def test_bodies_show_tells_asked_and_reached(capsys: pytest.CaptureFixture) -> None:
+    words = ["bodies", "show", "woman", "--measure", "wrist=160", "--measure", "ring_finger=US7", "--json"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["body"] == "woman"
+    assert told["measures"]["wrist"] == {
+        "asked": 160.0,
+        "reached": pytest.approx(160, abs=0.05),
+        "unit": "mm",
+    }
+    assert told["measures"]["ring_finger"]["asked"] == 54.35
+    assert told["measures"]["ring_finger"]["size"] == "US 7"
+    assert told["measures"]["hand_folded"]["reached"] > told["measures"]["hand"]["reached"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["bodies", "show", "woman", "--measure", "wirst=160"], "did you mean wrist"),
+        (["bodies", "show", "woman", "--measure", "wrist"], "name=value"),
+        (["bodies", "show", "woman", "--measure", "wrist=300"], "out of reach for woman: it can be"),
+        (["bodies", "show", "scan.stl", "--measure", "head=570"], "is a scan, which has its own"),
+        (["make", "mask", "--sketch", CAT, "--measure", "head=hut", "-o", "a.3mf"], "is not a size"),
+    ],
+)
+def test_a_wrong_measure_is_refused(
+    words: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_bodies_show_draws_parts_places_and_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    from fabcraft.write import bodies
+
+    monkeypatch.setattr(bodies, "SIZE", (410, 355))
+    picture = tmp_path / "woman.png"
     assert main(["bodies", "show", "woman", "--picture", str(picture), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["files"] == [str(picture)]
-    assert told["size_mm"][2] > 1500
-    assert 500 < told["measures"]["head_circumference"]["reached"] < 620
-    assert Image.open(picture).width > 1500
+    assert told["size_mm"][2] == pytest.approx(1629, abs=0.1)
+    assert told["measures"]["head"] == {"reached": pytest.approx(561, abs=0.1), "unit": "mm"}
+    image = np.asarray(Image.open(picture))
+    assert image.shape[1] > 2 * 410
+    for colour in (bodies._LINE, bodies._DOT):
+        assert (np.abs(image.astype(int) - colour).sum(2) < 12).sum() > 50
 
 
 # --- check -----------------------------------------------------------------------------------------------

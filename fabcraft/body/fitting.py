@@ -1,13 +1,13 @@
 """Finds the person of given measures: the most ordinary one among people like a preset.
 
-min |W⁻¹ d|²  subject to  m(c₀ + d) = asked,   c₀ the preset, W the model's spread.
+min |W⁻¹ d|²  subject to  m(c₀ + d) = asked,   c₀ the preset, W the spread of people like it.
 
 Gauss-Newton: every tape is laid, its points kept as shares of edges, and its length linearised in the coefficients;
 the step is the smallest change that meets the linearised measures.  Then the tapes are laid anew, until the true
 measures are met.  |W⁻¹ d| says how rare the person is; beyond one in ten thousand the model is not believed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +20,13 @@ from fabcraft.body.measures import MEASURES, sided
 from fabcraft.body.model import HumanModel
 from fabcraft.body.parts import cut_of
 from fabcraft.body.tape import Tape
+from fabcraft.errors import InputError
 
 TOLERANCE_MM = 0.02
 """Measures nearer than this are met."""
 ROUNDS = 15
+_ADULT_MM = 1700.0
+"""Below this height the local changes, which are in millimetres, spread in proportion."""
 HOPELESS = 30.0
 """Farther from the preset, in standard deviations, the search is given up."""
 RARITY = 1e-4
@@ -59,6 +62,14 @@ class Fitter:
     def __init__(self, model: HumanModel, start: Float64[np.ndarray, " K"]) -> None:
         self.model, self.start = model, start.astype(np.float64)
         self._skins: dict[str, _Skin] = {}
+        self._spread = model.spread.copy()
+        self._spread[model.common :] *= min(1.0, self.read(["height"], self.start)["height"] / _ADULT_MM)
+
+    def read(self, names: Iterable[str], coefficients: Float64[np.ndarray, " K"]) -> dict[str, float]:
+        """The measures `names` of the person with these coefficients, mm; a plain name of a pair is the left one."""
+        sides = {name: self._key(name) for name in names}
+        values, _ = self._readings(list(sides.values()), coefficients)
+        return dict(zip(sides, values.tolist(), strict=True))
 
     def fit(self, asked: Mapping[str, float], near: Float64[np.ndarray, " K"] | None = None) -> Fit:
         """The most ordinary person with these measures, mm; `near` : coefficients to begin the search at.
@@ -66,32 +77,36 @@ class Fitter:
         asked : names of `measures.MEASURES`, with a side where left and right are to differ.
         """
         targets = self._targets(asked)
-        free = self.model.spread.copy()
+        free = self._spread.copy()
         if not any(sided(name)[1] for name in asked):
             free[len(free) - self.model.differences :] = 0.0  # the sides stay mirror images
         goal = np.array(list(targets.values()))
         change = np.zeros(len(free)) if near is None else near - self.start
         used = free > 0.0
-        for _ in range(ROUNDS):
-            values, slopes = self._readings(targets, self.start + change)
+        for _ in range(ROUNDS + 1):
+            try:
+                values, slopes = self._readings(targets, self.start + change)
+            except InputError:  # no person any more: there is nothing to lay a tape on
+                return self._lost(asked, change)
             if not len(goal) or np.abs(goal - values).max() < TOLERANCE_MM:
                 break
             scaled = slopes * free
             wanted = goal - values + slopes @ change
             damping = 1e-9 * np.trace(scaled @ scaled.T) * np.eye(len(goal))
             change = free * (scaled.T @ np.linalg.solve(scaled @ scaled.T + damping, wanted))
-            rarity = float(np.linalg.norm(change[used] / free[used]))
-            if rarity > HOPELESS:  # no person any more, which a tape could not be laid on
-                return Fit(self.start + change, dict.fromkeys(asked, np.nan), rarity, np.inf)
-        else:
-            values, _ = self._readings(targets, self.start + change)
+            if np.linalg.norm(change[used] / free[used]) > HOPELESS:
+                return self._lost(asked, change)
         reached = dict(zip(targets, values.tolist(), strict=True))
         return Fit(
             self.start + change,
-            {name: reached[self._key(name, reached)] for name in asked},
+            {name: reached[self._key(name)] for name in asked},
             float(np.linalg.norm(change[used] / free[used])),
             float(np.abs(goal - values).max()) if len(goal) else 0.0,
         )
+
+    def _lost(self, asked: Mapping[str, float], change: Float64[np.ndarray, " K"]) -> Fit:
+        """The result of a search that left what the model can be."""
+        return Fit(self.start + change, dict.fromkeys(asked, float("nan")), np.inf, np.inf)
 
     def reach(self, asked: Mapping[str, float], name: str) -> tuple[float, float]:
         """Smallest and largest `name`, mm, of a believable person with the others as asked.
@@ -102,7 +117,7 @@ class Fitter:
         base = self.fit(others)
         if base.rarity > rarest(len(asked)) or base.miss_mm >= 0.5:
             return float("nan"), float("nan")
-        middle = self._read(name, base.coefficients)
+        middle = self.read([name], base.coefficients)[name]
         low, high = (self._driven(others, name, base, middle, way) for way in (-1.0, 1.0))
         return low, high
 
@@ -142,14 +157,13 @@ class Fitter:
         return targets
 
     @staticmethod
-    def _key(name: str, reached: Mapping[str, float]) -> str:
-        return name if name in reached else f"{name}_left"
-
-    def _read(self, name: str, coefficients: Float64[np.ndarray, " K"]) -> float:
-        return float(self._readings(self._targets({name: 0.0}), coefficients)[0][0])
+    def _key(name: str) -> str:
+        """The measure of one side that stands for `name`."""
+        measure, side = sided(name)
+        return f"{name}_left" if MEASURES[measure].paired and not side else name
 
     def _readings(
-        self, names: Mapping[str, float], coefficients: Float64[np.ndarray, " K"]
+        self, names: Iterable[str], coefficients: Float64[np.ndarray, " K"]
     ) -> tuple[Float64[np.ndarray, " M"], Float64[np.ndarray, "M K"]]:
         """(measures, their derivatives with respect to the coefficients)."""
         points = self.model.points(coefficients.astype(np.float32))

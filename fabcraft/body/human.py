@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from fabcraft.body.body import Body, Measured
-from fabcraft.body.fitting import Fit, Fitter
+from fabcraft.body.fitting import Fitter
 from fabcraft.body.model import HumanModel, human_model
 from fabcraft.body.sizes import FOLDED_HAND, Asked, asked
 from fabcraft.errors import InputError
@@ -23,7 +23,7 @@ PRESETS = ("man", "woman", "teenager", "child", "toddler")
 Hand = Literal["flat", "relaxed"]
 
 
-def human(name: str, measures: Mapping[str, str | float] | None = None, hand: Hand = "flat") -> Body:
+def human(name: str, measures: Mapping[str, str | float | int] | None = None, hand: Hand = "flat") -> Body:
     """The person called `name`, with the given measures.
 
     name : one of `PRESETS`.  measures : `measures.MEASURES` to mm or to a size of `sizes`, such as {"wrist": 158,
@@ -65,19 +65,27 @@ def _fitted(
 def _refuse(fitter: Fitter, name: str, wanted: list[Asked]) -> None:
     """Raise `InputError` for the measure that is farthest out of its reach, with that."""
     targets = {one.name: one.mm for one in wanted}
-    alone: dict[str, Fit] = {one.name: fitter.fit({one.name: one.mm}) for one in wanted}
-    by_rarity = sorted(wanted, key=lambda one: -alone[one.name].rarity)
-    for with_others in (True, False):
-        for one in by_rarity:
-            low, high = fitter.reach(targets if with_others else {one.name: one.mm}, one.name)
-            if np.isfinite(low) and not low <= one.mm <= high:
-                said = f"{one.words}, {one.mm:.1f} mm," if one.words else f"{one.mm:g} mm"
-                others = " with the other measures as asked" if with_others and len(wanted) > 1 else ""
-                raise InputError(
-                    f"{one.name} {said} is out of reach for {name}{others}: it can be {low:.1f} to {high:.1f} mm",
-                    "Check the tape, ask for less, or begin from another body: " + ", ".join(PRESETS) + ".",
-                )
+    alone = {one.name: fitter.fit({one.name: one.mm}) for one in wanted}
+    rarest_first = sorted(wanted, key=lambda one: -alone[one.name].rarity)
+    for one in rarest_first:
+        _refuse_one(fitter, name, one, targets)
+    for one in rarest_first:
+        if not alone[one.name].believable:
+            _refuse_one(fitter, name, one, {one.name: one.mm})
     raise InputError(
         f"no {name} has these measures together: " + ", ".join(f"{one.name} {one.mm:g}" for one in wanted),
         "Check the tape, leave one out, or begin from another body: " + ", ".join(PRESETS) + ".",
+    )
+
+
+def _refuse_one(fitter: Fitter, name: str, one: Asked, targets: Mapping[str, float]) -> None:
+    """Raise `InputError` when `one` is out of reach with the other `targets`."""
+    low, high = fitter.reach(targets, one.name)
+    if np.isnan(low) or low <= one.mm <= high:
+        return
+    said = f"{one.words}, {one.mm:.1f} mm," if one.words else f"{one.mm:g} mm"
+    others = " with the other measures as asked" if len(targets) > 1 else ""
+    raise InputError(
+        f"{one.name} {said} is out of reach for {name}{others}: it can be {low:.1f} to {high:.1f} mm",
+        "Check the tape, ask for less, or begin from another body: " + ", ".join(PRESETS) + ".",
     )

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabcraft.body.body import Body
-from fabcraft.body.tape import Tape, between, extent, girth, longest, shortest
+from fabcraft.body.tape import Sections, Tape, between, extent, girth, longest, shortest
 from fabcraft.errors import InputError
 
 FOLDED = 1.07
@@ -61,8 +61,8 @@ def _head(body: Body, _: str) -> Tape:
     at = body.landmarks
     eyes = (at["eye_left"] + at["eye_right"]) / 2
     middle = np.array([0.0, (at["glabella"][1] + at["opisthocranion"][1]) / 2, eyes[2]])
-    up = body.scale * _UP
-    return _extreme(longest, lambda height: girth(body.mesh, middle + up * height, _UP), 30.0, 60.0, 4)
+    level, up = Sections(body.mesh, _UP), body.scale * _UP
+    return _extreme(longest, lambda height: level.girth(middle + up * height), 30.0, 60.0, 4)
 
 
 def _head_breadth(body: Body, _: str) -> Tape:
@@ -92,13 +92,15 @@ def _pupils(body: Body, _: str) -> Tape:
 
 def _neck(body: Body, _: str) -> Tape:
     root, axis = body.joints["neck_root"], body.joints["head"] - body.joints["neck_root"]
-    return _extreme(shortest, lambda t: girth(body.mesh, root + t * axis, axis), -0.3, 0.9, 7)
+    square = Sections(body.mesh, axis)
+    return _extreme(shortest, lambda t: square.girth(root + t * axis), -0.3, 0.9, 7)
 
 
 def _wrist(body: Body, side: str) -> Tape:
     wrist = body.joints[f"wrist_{side}"]
     along = body.joints[f"lowerarm_{side}"] - wrist  # half the forearm
-    return _extreme(shortest, lambda t: girth(body.mesh, wrist + t * along, along), 0.0, 0.36, 7)
+    square = Sections(body.mesh, along)
+    return _extreme(shortest, lambda t: square.girth(wrist + t * along), 0.0, 0.36, 7)
 
 
 def _hand(body: Body, side: str) -> Tape:
@@ -231,25 +233,15 @@ def _read_or_none(measure: Measure, part: Body, side: str) -> Tape | None:
         return None
 
 
-def folded_hand_mm(body: Body, side: str = "left") -> float:
-    """Girth of the hand folded to pass a bangle: what a tape said, or `FOLDED` times the flat hand's.
-
-    Raises `InputError` for a body without that hand.
-    """
-    for name in (f"hand_folded_{side}", "hand_folded"):
-        if name in body.measures:
-            return body.measures[name].reached_mm
-    return FOLDED * _hand(body.part(f"hand_{side}"), side).length_mm
-
-
 def folded_hands(body: Body) -> dict[str, float]:
-    """`folded_hand_mm` of the hands that `body` has, one name where both are alike."""
-    found = {f"hand_folded_{side}": folded_hand_mm(body, side) for side in SIDES if _has_hand(body, side)}
+    """Girth of the folded hands that `body` has, mm, as `hand_folded_left`: what a tape said, or `FOLDED` times the
+    flat hand's.  Alike hands are one `hand_folded`."""
+    found: dict[str, float] = {}
+    for name, tape in tapes(body, ("hand",)).items():
+        folded = name.replace("hand", "hand_folded")
+        said = body.measures.get(folded) or body.measures.get("hand_folded")
+        found[folded] = said.reached_mm if said else FOLDED * tape.length_mm
     lengths = list(found.values())
     if len(lengths) == 2 and abs(lengths[0] - lengths[1]) < _ALIKE_MM:
         return {"hand_folded": lengths[0]}
     return found
-
-
-def _has_hand(body: Body, side: str) -> bool:
-    return bool(tapes(body, ("hand",)).get(f"hand_{side}"))

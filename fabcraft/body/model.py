@@ -50,7 +50,7 @@ class HumanModel:
 
     @cached_property
     def spread(self) -> Float64[np.ndarray, " K"]:
-        """Standard deviation of every coefficient among people like one another and of equal looks."""
+        """Standard deviation of every coefficient among adults like one another and of equal looks."""
         spread = np.where(np.arange(len(self.basis)) < self.common, self.alike, 1.0)
         spread[self.looks] = 0.0
         return spread

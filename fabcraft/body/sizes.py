@@ -75,7 +75,7 @@ def parse(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def asked(measures: Mapping[str, str | float]) -> list[Asked]:
+def asked(measures: Mapping[str, str | float | int]) -> list[Asked]:
     """The measures in mm, in the order given.
 
     Raises `InputError` for a name or a size that is not known, and for a pair given both plain and with a side.
@@ -111,7 +111,7 @@ def _known(name: str) -> tuple[str, str]:
     )
 
 
-def _millimetres(base: str, name: str, value: str | float) -> tuple[float, str]:
+def _millimetres(base: str, name: str, value: str | float | int) -> tuple[float, str]:
     """(mm, the size in words where it was no number of mm)."""
     text = str(value).strip()
     parts = re.fullmatch(r"([A-Za-z]*)[ :]*([0-9]+(?:[.,][0-9]+)?)(?:-([0-9]+))?[ ]*([A-Za-z]*)", text)

@@ -24,48 +24,73 @@ class Tape:
     length_mm: float
     points: Float64[np.ndarray, "N 3"]
     """The line, mm; closed when it is a girth."""
-    pull: Float64[np.ndarray, "N 3"]
-    """Derivative of the length with respect to every point."""
-    edges: Int64[np.ndarray, "N 2"]
+    pull: Float64[np.ndarray, "M 3"]
+    """Derivative of the length with respect to every point on the skin; M = N, or 0 where none is."""
+    edges: Int64[np.ndarray, "M 2"]
     """Mesh vertices a, b of the edge that every point lies on; a = b at a vertex."""
-    shares: Float64[np.ndarray, " N"]
+    shares: Float64[np.ndarray, " M"]
     """Point = (1 - share) a + share b."""
     closed: bool = False
     joints: Mapping[str, Float64[np.ndarray, "3"]] = field(default_factory=dict)
     """Derivative with respect to joints, where the ends are no skin (pupils)."""
 
 
+class Sections:
+    """Tapes round the parallel sections of a mesh; what they share is computed once."""
+
+    def __init__(self, mesh: Mesh, normal: Float64[np.ndarray, "3"]) -> None:
+        """normal : square to the planes, of any length."""
+        self._mesh, self._normal = mesh, normal / np.linalg.norm(normal)
+        self._height = mesh.vertices @ self._normal
+        corners = self._height[mesh.faces]
+        self._lowest, self._highest = corners.min(1), corners.max(1)
+        self._across = np.linalg.svd(self._normal[None])[2][1:]
+
+    def girth(self, point: Float64[np.ndarray, "3"]) -> Tape:
+        """The tape round the section loop nearest to `point` in the plane through it.
+
+        Raises `InputError` where the plane misses the mesh.
+        """
+        mesh, level = self._mesh, float(point @ self._normal)
+        crossed = mesh.faces[(self._lowest <= level) & (self._highest > level)]
+        if not len(crossed):
+            raise InputError(
+                f"{mesh.name or 'the body'} has no skin where it is to be measured", "Check its landmarks."
+            )
+        edges = np.sort(crossed[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+        above = self._height > level  # a vertex in the plane counts as below it
+        cuts = edges[above[edges].sum(2) == 1]  # two per face, in order
+        code, which = np.unique(cuts @ np.array([2**32, 1]), return_inverse=True)
+        ends = np.stack([code >> 32, code & (2**32 - 1)], axis=1)
+        before, after = self._height[ends[:, 0]], self._height[ends[:, 1]]
+        shares = (level - before) / (after - before)
+        points = (
+            mesh.vertices[ends[:, 0]] * (1 - shares)[:, None] + mesh.vertices[ends[:, 1]] * shares[:, None]
+        )
+        own = _loop(which.reshape(-1, 2), int(np.argmin(np.linalg.norm(points - point, axis=1))))
+        hull = own[ConvexHull(points[own] @ self._across.T).vertices]  # in order round the loop
+        line = points[hull]
+        forward = np.roll(line, -1, axis=0) - line
+        lengths = np.linalg.norm(forward, axis=1, keepdims=True)
+        along = forward / np.maximum(lengths, 1e-12)
+        pull = np.roll(along, 1, axis=0) - along
+        return Tape(float(lengths.sum()), line, pull, ends[hull], shares[hull], closed=True)
+
+
 def girth(mesh: Mesh, point: Float64[np.ndarray, "3"], normal: Float64[np.ndarray, "3"]) -> Tape:
-    """The tape round the section loop nearest to `point` in the plane through it.
+    """The tape round the section loop nearest to `point` in the plane through it, square to `normal`.
 
     Raises `InputError` where the plane misses the mesh.
     """
-    normal = normal / np.linalg.norm(normal)
-    height = (mesh.vertices - point) @ normal
-    height = np.where(np.abs(height) < 1e-9, 1e-9, height)  # a plane through a vertex is moved past it
-    above = (height > 0.0)[mesh.faces]
-    crossed = mesh.faces[(above[:, 0] != above[:, 1]) | (above[:, 1] != above[:, 2])]
-    if not len(crossed):
-        raise InputError(
-            f"{mesh.name or 'the body'} has no skin where it is to be measured", "Check its landmarks."
-        )
-    edges = np.sort(crossed[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-    cuts = edges[(height[edges] > 0.0).sum(2) == 1]  # two per face, in order
-    ends, which = np.unique(cuts, axis=0, return_inverse=True)
-    shares = height[ends[:, 0]] / (height[ends[:, 0]] - height[ends[:, 1]])
-    points = mesh.vertices[ends[:, 0]] * (1 - shares)[:, None] + mesh.vertices[ends[:, 1]] * shares[:, None]
-    pairs = which.reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
-    _, loop = connected_components(graph, directed=False)
-    own = np.flatnonzero(loop == loop[np.argmin(np.linalg.norm(points - point, axis=1))])
-    across = np.linalg.svd(normal[None])[2][1:]
-    hull = own[ConvexHull(points[own] @ across.T).vertices]  # in order round the loop
-    line = points[hull]
-    forward = np.roll(line, -1, axis=0) - line
-    lengths = np.linalg.norm(forward, axis=1, keepdims=True)
-    along = forward / np.maximum(lengths, 1e-12)
-    pull = np.roll(along, 1, axis=0) - along
-    return Tape(float(lengths.sum()), line, pull, ends[hull].astype(np.int64), shares[hull], closed=True)
+    return Sections(mesh, normal).girth(point)
+
+
+def _loop(pairs: Int64[np.ndarray, "P 2"], start: int) -> Int64[np.ndarray, " L"]:
+    """The nodes connected with `start` by `pairs`, ascending."""
+    count = int(pairs.max()) + 1
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    return np.flatnonzero(label == label[start])
 
 
 def extent(mesh: Mesh, direction: Float64[np.ndarray, "3"], among: Bool[np.ndarray, " V"]) -> Tape:

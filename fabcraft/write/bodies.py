@@ -16,7 +16,7 @@ from fabcraft.write.colours import BODY
 from fabcraft.write.picture import Item, scene_picture
 from fabcraft.write.sheet import INK, PAPER, contact_sheet
 
-SIZE = (900, 780)
+SIZE = (820, 710)
 _PANELS = (("bust", "head"), ("hand_left", "hand_right"), ("foot_left", "foot_right"))
 """Of each group the first part that the body has is shown."""
 _DOT, _LINE, _LEADER = (190, 38, 42), (20, 60, 150), (128, 134, 142)
