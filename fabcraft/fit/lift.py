@@ -132,7 +132,7 @@ def _terms(
 
     images = _image_terms(sheet, targets.relief, pixels, weights, scale, millimetres)
     body = _body_terms(sheet, targets, weights, areas, faces, scale, millimetres)
-    relief = targets.relief.mesh(edge_mm=3.0)
+    relief = targets.relief.mesh(edge_mm=3.0 * targets.template.scale)
     goal = torch.from_numpy((relief.vertices - centre) * scale).float()
     tree = cKDTree(goal.numpy())
     matched: dict[str, Tensor] = {}
@@ -233,7 +233,8 @@ def _body_terms(
     box = np.concatenate(
         [sheet.vertices, np.column_stack([sheet.vertices[:, 0], -heights, sheet.vertices[:, 2]])]
     )
-    field = BodyField.around(targets.distance, box.min(0) - 6.0, box.max(0) + 6.0, cell_mm=4.0)
+    away, cell = 6.0 * template.scale, 4.0 * template.scale
+    field = BodyField.around(targets.distance, box.min(0) - away, box.max(0) + away, cell_mm=cell)
     half = 0.5 * template.wall_mm
     wanted = torch.from_numpy(
         template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half
