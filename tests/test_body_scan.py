@@ -86,7 +86,7 @@ def test_a_fine_inside_out_scan_with_holes_and_crumbs_comes_back(tmp_path, head)
 
 def test_a_wrong_unit_is_refused_with_the_right_one(tmp_path, head):
     path = saved(tmp_path / "me.stl", opened(head), scale=0.001)
-    with pytest.raises(InputError, match="looks like metres|--body-units m"):
+    with pytest.raises(InputError, match=r"looks like metres|--body-units m"):
         scan(path, ScanSettings(units="mm"))
 
 

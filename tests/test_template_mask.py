@@ -4,12 +4,13 @@ import trimesh
 from masked import assert_clean_sheet, template
 
 from fabcraft.body.body import Body
+from fabcraft.body.character import character
 from fabcraft.body.human import human
 from fabcraft.errors import InputError
 from fabcraft.geometry.contour import inside, signed_area
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
-from fabcraft.template.mask import ADULT_FACE_MM, mask
+from fabcraft.template.mask import ADULT_FACE_MM, WALL_MM, mask, natural_wall_mm, room_around
 
 PEOPLE = ("man", "woman", "child")
 
@@ -121,3 +122,28 @@ def test_a_body_without_a_face_is_refused():
     body = Body("ball", Mesh(np.array(sphere.vertices), sphere.faces.astype(np.int32)), {}, {}, "character")
     with pytest.raises(InputError, match="landmark"):
         mask(body)
+
+
+@pytest.mark.parametrize("name", ["frog"])
+def test_a_character_gets_a_mask_of_its_own_size_that_its_eyes_look_out_of(name):
+    body = character(name)
+    placed = mask(body, natural_wall_mm(body))
+    head = placed.body
+    assert_clean_sheet(placed.mesh)
+    assert placed.scale == head.scale < 0.5
+    assert WALL_MM[0] <= placed.wall_mm < 2.0
+    assert placed.mesh.size_mm[0] < 1.1 * head.mesh.size_mm[0]
+    assert placed.resting_mm == 0.4  # a person's 0.3 scaled would be less than printed parts need
+    away = SurfaceDistance(head.mesh).signed(placed.mesh.vertices)
+    wanted = placed.front.at(placed.front.clearance, placed.mesh.vertices[:, [0, 2]]) + 0.5 * placed.wall_mm
+    assert (away - wanted).min() > -0.1 * head.scale
+    assert room_around(placed.outline, placed.openings) > 2.3 * placed.wall_mm
+    for opening, eye in zip(placed.openings, ("eye_right", "eye_left"), strict=True):
+        dome = head.mesh.vertices[head.regions[eye].vertex_indices][:, [0, 2]]
+        assert inside(dome, [opening]).all()
+
+
+def test_a_wall_goes_with_the_size_of_a_characters_head():
+    assert natural_wall_mm(human("man")) == 2.4
+    assert natural_wall_mm(character("figure", 60.0)) == WALL_MM[0]
+    assert natural_wall_mm(character("figure", 2000.0)) == WALL_MM[1]

@@ -45,7 +45,7 @@ RANGES = {
 }
 """Least and greatest value of each number of a row."""
 RADIUS_MM, GAP_MM = 8.0, 1.0
-"""Of a place of its own, when the row does not say; on a character they scale with it."""
+"""Of a place of its own, when the row does not say."""
 
 
 @dataclass(frozen=True)

@@ -61,10 +61,8 @@ def _head(body: Body, _: str) -> Tape:
     at = body.landmarks
     eyes = (at["eye_left"] + at["eye_right"]) / 2
     middle = np.array([0.0, (at["glabella"][1] + at["opisthocranion"][1]) / 2, eyes[2]])
-    level = Sections(body.mesh, _UP)
-    return _extreme(
-        longest, lambda height: level.girth(middle + _UP * height), 30.0 * body.scale, 60.0 * body.scale, 4
-    )
+    level, up = Sections(body.mesh, _UP), body.scale * _UP
+    return _extreme(longest, lambda height: level.girth(middle + up * height), 30.0, 60.0, 4)
 
 
 def _head_breadth(body: Body, _: str) -> Tape:

@@ -135,7 +135,7 @@ def _terms(
 
     images = _image_terms(sheet, targets.relief, pixels, weights, scale, millimetres, device)
     body = _body_terms(sheet, targets, weights, areas, faces, scale, millimetres)
-    relief = targets.relief.mesh(edge_mm=3.0)
+    relief = targets.relief.mesh(edge_mm=3.0 * targets.template.scale)
     goal = torch.from_numpy((relief.vertices - centre) * scale).float()
     goals, goal = goal.numpy(), goal.to(device)
     tree = cKDTree(goals)
@@ -238,8 +238,10 @@ def _body_terms(
     box = np.concatenate(
         [sheet.vertices, np.column_stack([sheet.vertices[:, 0], -heights, sheet.vertices[:, 2]])]
     )
+    away, cell = 6.0 * template.scale, 4.0 * template.scale
+    lower, upper = box.min(0) - away, box.max(0) + away
     device = faces.device
-    field = BodyField.around(targets.distance, box.min(0) - 6.0, box.max(0) + 6.0, cell_mm=4.0, device=device)
+    field = BodyField.around(targets.distance, lower, upper, cell_mm=cell, device=device)
     half = 0.5 * template.wall_mm
     keep_mm = template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half
     wanted = torch.from_numpy(keep_mm).float().to(device)

@@ -26,8 +26,8 @@ from fabcraft.mesh import Mesh
 
 PerPoint = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
 
-MOST_EXTRA_MM = 15.0
-"""Largest height a `SheetSide` may add."""
+MOST_EXTRA_MM = 60.0
+"""Largest height a `SheetSide` may add: the pads of a mask for a figure of twice a person's height need 45 mm."""
 
 PUSH_MARGIN_MM = 0.05
 """How much further than needed the medial surface is pushed, against the sag of its facets."""

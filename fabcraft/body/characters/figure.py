@@ -21,7 +21,7 @@ def _shape() -> Shape:
     torso = joined(3, torso, drum((0, 0, 127), 16, 8, 2))  # the neck
     leg = joined(2, box((21, 0, 28), (18, 21, 28), 5), box((21, -8, 8), (18, 28, 10), 5))
     arm = limb([(36, 0, 112), (54, -4, 93), (59, -18, 74)], (13, 12.5, 12))
-    grip = carved(3, ball((62.5, -33, 59), 15), limb([(62.5, -54, 71), (62.5, -22, 37)], (6.8, 6.8)))
+    grip = carved(5, ball((62.5, -33, 59), 15.5), limb([(62.5, -59, 66), (62.5, -25, 30)], (8.5, 8.5)))
     hand = joined(2.5, limb([(59, -18, 74), (61, -26, 66)], (9, 9)), grip)
     figure = joined(2, torso, head, both_sides(leg))
     figure = joined(2.5, joined(4, figure, both_sides(arm)), both_sides(hand))
