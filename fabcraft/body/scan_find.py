@@ -5,16 +5,17 @@ what is worn is worn there.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
-from fabcraft.body.human import HumanModel, human_model
-from fabcraft.body.scan_fit import Marks, PartFit, Surface, fitted, held_by, settled
-from fabcraft.body.scan_part import Kind, PartModel, part_model
+from fabcraft.body.model import HumanModel, human_model
+from fabcraft.body.scan_fit import PartFit, fitted, held_by, judged, settled
+from fabcraft.body.scan_part import Kind, PartModel, adult, part_model
 from fabcraft.body.scan_search import SIZE_RANGE, Cloud, Looked, best_start, placements
+from fabcraft.body.scan_step import Marks, State, Surface, at_rest
 from fabcraft.body.scan_units import Guess
 from fabcraft.geometry.align import Similarity, fit_similarity
 
@@ -54,7 +55,7 @@ class _Start:
     """A part as a person of some age."""
 
     part: PartModel
-    origin: Float64[np.ndarray, " K"]
+    origin: Float64[np.ndarray, " L"]
     looked: Looked
 
 
@@ -122,9 +123,9 @@ def find(
 
 def _starts(model: HumanModel, part: PartModel) -> list[_Start]:
     """The part of an adult and of a child."""
-    adult = (model.presets["man"] + model.presets["woman"]) / 2
     found = []
-    for origin in (adult.astype(np.float64), model.presets["child"].astype(np.float64)):
+    for person in (adult(model), model.presets["child"].astype(np.float64)):
+        origin = part.reduction @ person
         points = part.points(origin)
         mesh = part.mesh(points)
         axis, length = part.axis(points)
@@ -155,9 +156,10 @@ def _fitted(
     best = placed[0]
     part = best[2].part
     surface = _surface(part, part.points(best[2].origin), best[1].scale, scan, rim)
-    rough = [fitted(part, surface, place, start.origin, 8) for _, place, start in placed[:_ROUGH]]
-    near = min(rough, key=lambda fit: fit.misfit)
-    return fitted(part, surface, near.place, near.coefficients, 14), surface
+    rough = [
+        fitted(part, surface, at_rest(part, place, start.origin), 8) for _, place, start in placed[:_ROUGH]
+    ]
+    return fitted(part, surface, min(rough, key=lambda fit: fit.misfit).state, 14), surface
 
 
 def _by_marks(
@@ -179,11 +181,11 @@ def _by_marks(
     ]
     place, start = min(begun, key=lambda pair: pair[0].rms)
     surface = _surface(part, part.points(start.origin), place.scale, scan, rim)
-    fit = fitted(part, surface, place, start.origin, 14, marks)
-    if fit.matched >= MATCHED_AT_LEAST and SIZE_RANGE[0] < fit.place.scale < SIZE_RANGE[1]:
+    state = at_rest(part, place, start.origin)
+    fit = fitted(part, surface, state, 14, marks)
+    if fit.matched >= MATCHED_AT_LEAST and SIZE_RANGE[0] < place.scale < SIZE_RANGE[1]:
         return Found(guess, (held_by(settled(fit, surface), marks),), True)
-    alone = fitted(part, surface, place, start.origin, 0)
-    return Found(guess, (held_by(alone, marks),), False)
+    return Found(guess, (held_by(judged(part, replace(state, place=place), surface), marks),), False)
 
 
 def _parts_of(model: HumanModel, whole: PartFit, surface: Surface) -> list[PartFit]:
@@ -193,18 +195,25 @@ def _parts_of(model: HumanModel, whole: PartFit, surface: Surface) -> list[PartF
     found = []
     for kind in _BODY_PARTS:
         part = part_model(model, kind)
-        own = part.points(whole.coefficients)
+        turns = {bone.name: turn for bone, turn in zip(whole.part.bones, whole.state.turns, strict=True)}
+        begun = State(
+            part.reduction @ (whole.part.reduction.T @ whole.state.coefficients),
+            np.stack([turns.get(bone.name, np.eye(3)) for bone in part.bones]),
+            Similarity(),
+        )
+        own = begun.points(part)
         there = _named(part, own)
         start = fit_similarity(
             np.stack([there[name] for name in there]), np.stack([at[name] for name in there]), (0.9, 1.1)
         )
         size = float(np.ptp(own[part.zone], axis=0).max())
-        near = np.unique(
-            np.concatenate(tree.query_ball_point(start.points(own[: part.skin : 7]), 0.15 * size))
-        )
-        cloud = Cloud(surface.cloud.points[near.astype(int)], surface.cloud.normals[near.astype(int)])
-        local = Surface.of(cloud, surface.rim[near.astype(int)], size)
-        fit = fitted(part, local, start, whole.coefficients, 12)
+        around = tree.query_ball_point(start.points(own[: part.skin : 7]), 0.15 * size)
+        near = np.unique(np.concatenate(around)).astype(int)
+        if not len(near):
+            continue
+        cloud = Cloud(surface.cloud.points[near], surface.cloud.normals[near])
+        local = Surface.of(cloud, surface.rim[near], size)
+        fit = fitted(part, local, replace(begun, place=start), 12)
         if fit.matched >= MATCHED_AT_LEAST:
             found.append(settled(fit, local))
     return found
@@ -218,4 +227,5 @@ def _named(part: PartModel, points: Float64[np.ndarray, "P 3"]) -> dict[str, np.
 
 def similarity_of(fit: PartFit) -> Similarity:
     """Scan to body frame, without a change of size."""
-    return Similarity(1.0, fit.place.rotation, fit.place.translation).inverse()
+    place = fit.state.place
+    return Similarity(1.0, place.rotation, place.translation).inverse()
