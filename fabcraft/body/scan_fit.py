@@ -19,8 +19,8 @@ from fabcraft.geometry.edges import graph_laplacian
 
 MATCHED = 0.016
 """A point of the part is matched when the scan is nearer than this share of the part's size (4 mm on a hand)."""
-_REACH = 0.25
-"""How far the part looks for the scan at first, as a share of its size; a bent finger's tip is farther off than most."""
+_LOOK = 0.25
+"""A bent finger's tip is farther off than most of a hand, which is why the part looks this far at first."""
 _STIFFNESS = (30.0, 8.0, 2.0)
 """Weight of the smooth field's differences along edges against the distances, from round to round."""
 
@@ -42,17 +42,23 @@ class PartFit:
 
 
 def fitted(
-    part: PartModel, surface: Surface, start: State, rounds: int = 16, marks: Marks | None = None
+    part: PartModel,
+    surface: Surface,
+    start: State,
+    rounds: int,
+    marks: Marks | None = None,
+    look: float = _LOOK,
 ) -> PartFit:
     """The person with whom the part lies best on the scan, from a `start` that is roughly right.
 
-    marks : landmarks that are known; together they weigh as much as the scan.
+    marks : landmarks that are known; together they weigh as much as the scan.  look : how far the part looks for the
+    scan at first, as a share of its size.
     """
     state = start
     for step in range(rounds):
         # first the place alone, then an obstinate person, then the most probable one
         stiff = 1e6 if step < 2 else 10.0 if step < 5 else 1.0
-        reach = _REACH * surface.size * max(0.0, 1.0 - step / (0.8 * rounds)) ** 2
+        reach = look * surface.size * max(0.0, 1.0 - step / (0.8 * rounds)) ** 2
         state = stepped(part, surface, state, marks, stiff, reach)
     return judged(part, state, surface)
 
