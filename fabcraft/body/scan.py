@@ -13,14 +13,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fabcraft.body.body import Body
-from fabcraft.body.human import HumanModel, human_model
+from fabcraft.body.model import HumanModel, human_model
 from fabcraft.body.scan_clean import orderly, welded
 from fabcraft.body.scan_close import closed
 from fabcraft.body.scan_density import refined, seen, thinned, thinning_note
 from fabcraft.body.scan_find import Found, find, similarity_of
 from fabcraft.body.scan_fit import PartFit
 from fabcraft.body.scan_marks import has_enough, read_marks, require_enough
-from fabcraft.body.scan_part import ASKED, Kind, PartModel, part_model
+from fabcraft.body.scan_part import ASKED, Kind, PartModel, adult, part_model
 from fabcraft.body.scan_pieces import assembled
 from fabcraft.body.scan_places import joints_of, landmarks_on, regions_on, size_of
 from fabcraft.body.scan_turn import file_frame, rotations_of, turn_note
@@ -92,7 +92,9 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
         *joined,
         *thinning_note(raw, thin, found.guess.factor),
         *repairs,
-        turn_note(found.main.place.rotation, frames[found.guess.kind], settings.up, settings.front, path),
+        turn_note(
+            found.main.state.place.rotation, frames[found.guess.kind], settings.up, settings.front, path
+        ),
         _shown(found),
     )
     if not found.person and not marks:
@@ -169,7 +171,7 @@ def _kinds(settings: ScanSettings, marks: Mapping[str, np.ndarray], model: Human
 
 
 def _frame(part: PartModel, model: HumanModel) -> tuple[np.ndarray, np.ndarray]:
-    return part.frame(part.points(model.presets["man"].astype(np.float64)))
+    return part.frame(part.points(part.reduction @ adult(model)))
 
 
 def _shown(found: Found) -> str:

@@ -5,16 +5,17 @@ what is worn is worn there.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.spatial import cKDTree
 
-from fabcraft.body.human import HumanModel, human_model
-from fabcraft.body.scan_fit import Marks, PartFit, Surface, fitted, held_by, settled
-from fabcraft.body.scan_part import Kind, PartModel, part_model
+from fabcraft.body.model import HumanModel, human_model
+from fabcraft.body.scan_body import parts_of
+from fabcraft.body.scan_fit import PartFit, fitted, held_by, judged, settled
+from fabcraft.body.scan_part import Kind, PartModel, adult
 from fabcraft.body.scan_search import SIZE_RANGE, Cloud, Looked, best_start, placements
+from fabcraft.body.scan_step import Marks, Surface, at_rest
 from fabcraft.body.scan_units import Guess
 from fabcraft.geometry.align import Similarity, fit_similarity
 
@@ -24,11 +25,12 @@ _CLOSE_SECOND = 1.4
 """Kinds whose first misfit is below this many times the best are looked at closely, three at most."""
 _SURE = 0.9
 """When this share of the first kind's zone lies on the scan, only its other side is looked at."""
+_CERTAIN = 0.96
+"""When this share lies on the scan after a rough fit, no other placement is tried."""
 _DOUBT = 1.15
 """The other side is named as possible when its misfit is below this many times the chosen one's."""
 _ROUGH = 4
 """Placements from which the shape is fitted roughly."""
-_BODY_PARTS: tuple[Kind, ...] = ("head", "hand_left", "hand_right", "foot_left", "foot_right")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ class _Start:
     """A part as a person of some age."""
 
     part: PartModel
-    origin: Float64[np.ndarray, " K"]
+    origin: Float64[np.ndarray, " L"]
     looked: Looked
 
 
@@ -78,13 +80,13 @@ def find(
             (_by_marks(guess, starts[guess.kind], scaled[guess.factor], rim, marks) for guess in guesses),
             key=lambda found: (not found.person, found.guess.factor != 1.0, found.main.misfit),
         )
-    chosen = list(guesses)
+    chosen, sparse = list(guesses), cloud.thinned(500)
+    few = {factor: Cloud(factor * sparse.points, sparse.normals) for factor in scaled}
     if len(chosen) > 1:
-        few = {factor: scan.thinned(500) for factor, scan in scaled.items()}
         first = {
             guess: min(
                 best_start(start.looked, few[guess.factor], rotations[guess.kind])
-                for start in starts[guess.kind]
+                for start in starts[guess.kind][: None if guess.kind == "body" else 1]
             )
             for guess in guesses
         }
@@ -98,8 +100,8 @@ def find(
             and fits[0][0].kind.split("_")[0] != guess.kind.split("_")[0]
         ):
             continue
-        scan = scaled[guess.factor]
-        fits.append((guess, _fitted(starts[guess.kind], scan, rim, rotations[guess.kind])))
+        seen = scaled[guess.factor], few[guess.factor]
+        fits.append((guess, _fitted(starts[guess.kind], *seen, rim, rotations[guess.kind])))
     fits.sort(key=lambda pair: pair[1][0].misfit)
     guess, (fit, surface) = fits[0]
     person = fit.matched >= MATCHED_AT_LEAST
@@ -117,14 +119,14 @@ def find(
     whole = settled(fit, surface)
     if guess.kind != "body":
         return Found(guess, (whole,), True, doubt)
-    return Found(guess, (whole, *_parts_of(model, whole, surface)), True)
+    return Found(guess, (whole, *parts_of(model, whole, surface)), True)
 
 
 def _starts(model: HumanModel, part: PartModel) -> list[_Start]:
     """The part of an adult and of a child."""
-    adult = (model.presets["man"] + model.presets["woman"]) / 2
     found = []
-    for origin in (adult.astype(np.float64), model.presets["child"].astype(np.float64)):
+    for person in (adult(model), model.presets["child"].astype(np.float64)):
+        origin = part.reduction @ person
         points = part.points(origin)
         mesh = part.mesh(points)
         axis, length = part.axis(points)
@@ -141,11 +143,11 @@ def _surface(part: PartModel, points: np.ndarray, scale: float, scan: Cloud, rim
 def _fitted(
     starts: Sequence[_Start],
     scan: Cloud,
+    few: Cloud,
     rim: Bool[np.ndarray, " N"],
     rotations: Float64[np.ndarray, "_ 3 3"],
 ) -> tuple[PartFit, Surface]:
-    """The best fit of one part over ages and rotations."""
-    few = scan.thinned(500)
+    """The best fit of one part over ages and rotations.  few : the scan in few points."""
     placed = [
         (misfit, place, start)
         for start in starts
@@ -155,9 +157,12 @@ def _fitted(
     best = placed[0]
     part = best[2].part
     surface = _surface(part, part.points(best[2].origin), best[1].scale, scan, rim)
-    rough = [fitted(part, surface, place, start.origin, 8) for _, place, start in placed[:_ROUGH]]
-    near = min(rough, key=lambda fit: fit.misfit)
-    return fitted(part, surface, near.place, near.coefficients, 14), surface
+    rough: list[PartFit] = []
+    for _, place, start in placed[:_ROUGH]:
+        rough.append(fitted(part, surface, at_rest(part, place, start.origin), 8))
+        if rough[-1].matched > _CERTAIN:
+            break
+    return fitted(part, surface, min(rough, key=lambda fit: fit.misfit).state, 14), surface
 
 
 def _by_marks(
@@ -179,43 +184,14 @@ def _by_marks(
     ]
     place, start = min(begun, key=lambda pair: pair[0].rms)
     surface = _surface(part, part.points(start.origin), place.scale, scan, rim)
-    fit = fitted(part, surface, place, start.origin, 14, marks)
-    if fit.matched >= MATCHED_AT_LEAST and SIZE_RANGE[0] < fit.place.scale < SIZE_RANGE[1]:
+    state = at_rest(part, place, start.origin)
+    fit = fitted(part, surface, state, 14, marks)
+    if fit.matched >= MATCHED_AT_LEAST and SIZE_RANGE[0] < place.scale < SIZE_RANGE[1]:
         return Found(guess, (held_by(settled(fit, surface), marks),), True)
-    alone = fitted(part, surface, place, start.origin, 0)
-    return Found(guess, (held_by(alone, marks),), False)
-
-
-def _parts_of(model: HumanModel, whole: PartFit, surface: Surface) -> list[PartFit]:
-    """Head, hands and feet of a whole body, as far as they are found again."""
-    at = _named(whole.part, whole.points)
-    tree = cKDTree(surface.cloud.points)
-    found = []
-    for kind in _BODY_PARTS:
-        part = part_model(model, kind)
-        own = part.points(whole.coefficients)
-        there = _named(part, own)
-        start = fit_similarity(
-            np.stack([there[name] for name in there]), np.stack([at[name] for name in there]), (0.9, 1.1)
-        )
-        size = float(np.ptp(own[part.zone], axis=0).max())
-        near = np.unique(
-            np.concatenate(tree.query_ball_point(start.points(own[: part.skin : 7]), 0.15 * size))
-        )
-        cloud = Cloud(surface.cloud.points[near.astype(int)], surface.cloud.normals[near.astype(int)])
-        local = Surface.of(cloud, surface.rim[near.astype(int)], size)
-        fit = fitted(part, local, start, whole.coefficients, 12)
-        if fit.matched >= MATCHED_AT_LEAST:
-            found.append(settled(fit, local))
-    return found
-
-
-def _named(part: PartModel, points: Float64[np.ndarray, "P 3"]) -> dict[str, np.ndarray]:
-    """Landmarks and joints by name."""
-    named = {name: points[row] for name, row in part.landmarks.items()}
-    return named | dict(zip(part.joint_names, points[part.skin :], strict=True))
+    return Found(guess, (held_by(judged(part, replace(state, place=place), surface), marks),), False)
 
 
 def similarity_of(fit: PartFit) -> Similarity:
     """Scan to body frame, without a change of size."""
-    return Similarity(1.0, fit.place.rotation, fit.place.translation).inverse()
+    place = fit.state.place
+    return Similarity(1.0, place.rotation, place.translation).inverse()

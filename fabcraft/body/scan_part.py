@@ -4,17 +4,18 @@ Every part is cut from the model, smoothed by the same Loop step as `Body.part`,
 x = mean + B c, so that fitting it to a scan yields the person's coefficients.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float64, Int32, Int64
-from scipy.sparse import coo_matrix
+from jaxtyping import Float32, Float64, Int32, Int64
+from scipy.sparse import coo_matrix, identity, spmatrix
 from scipy.sparse.csgraph import connected_components
 
-from fabcraft.body.human import HumanModel
+from fabcraft.body.model import HumanModel
 from fabcraft.body.region import Region
+from fabcraft.body.scan_pose import Bone, bones_of, with_hips
 from fabcraft.geometry.align import spread_points
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.mesh import Mesh
@@ -31,6 +32,8 @@ ASKED: Mapping[str, tuple[Kind, ...]] = {
 """What `--body-kind` may say, and which parts it means."""
 
 _SAMPLES = 3000
+_LEAST_MM = 0.05
+"""Combinations of coefficients that move a part by less (rms) are left out."""
 _NECK_MM, _LEG_MM = 130.0, 110.0
 """How much is fitted below the neck root, and above the ankle joint of an adult."""
 
@@ -42,9 +45,14 @@ class PartModel:
     kind: Kind
     mean: Float64[np.ndarray, "P 3"]
     """Skin vertices, then joints."""
-    basis: Float64[np.ndarray, "K P 3"]
+    basis: Float64[np.ndarray, "L P 3"]
+    """Movements by combinations of the model's coefficients, those that matter here."""
+    reduction: Float64[np.ndarray, "L K"]
+    """From the model's coefficients to those of `basis`; orthonormal rows."""
     faces: Int32[np.ndarray, "F 3"]
     joint_names: tuple[str, ...]
+    bones: tuple[Bone, ...]
+    """What turns, from the tips to the trunk."""
     landmarks: Mapping[str, int]
     """Row of `mean` of every landmark."""
     regions: Mapping[str, Region]
@@ -61,8 +69,8 @@ class PartModel:
         """Number of skin vertices."""
         return len(self.mean) - len(self.joint_names)
 
-    def points(self, coefficients: Float64[np.ndarray, " K"]) -> Float64[np.ndarray, "P 3"]:
-        """Skin vertices, then joints, of the person with these coefficients."""
+    def points(self, coefficients: Float64[np.ndarray, " L"]) -> Float64[np.ndarray, "P 3"]:
+        """Skin vertices, then joints, of the person with these coefficients, in the model's pose."""
         return self.mean + np.tensordot(coefficients, self.basis, 1)
 
     def mesh(self, points: Float64[np.ndarray, "P 3"]) -> Mesh:
@@ -97,62 +105,92 @@ class PartModel:
         return back / np.linalg.norm(back), along
 
 
+def adult(model: HumanModel) -> Float64[np.ndarray, " K"]:
+    """The coefficients of an adult between man and woman."""
+    return ((model.presets["man"] + model.presets["woman"]) / 2).astype(np.float64)
+
+
 def part_model(model: HumanModel, kind: Kind) -> PartModel:
     """The part `kind` of `model`; cut on the adult between man and woman."""
-    joint = {name: index for index, name in enumerate(model.joint_names)}
-    count = len(model.mean) - len(joint)
-    adult = model.mean + np.tensordot((model.presets["man"] + model.presets["woman"]) / 2, model.basis, 1)
-    adult = adult.astype(np.float64)
-    at = {name: adult[count + index] for name, index in joint.items()}
-    chosen = _connected(model.faces, *_cut(kind, adult[:count], at))
+    points = with_hips(model.points(adult(model)), model.joint_names)
+    joints = (*model.joint_names, "hip_left", "hip_right")
+    count = len(points) - len(joints)
+    at = dict(zip(joints, points[count:], strict=True))
+    chosen = _connected(model.faces, *_cut(kind, points[:count], at))
     kept, faces = np.unique(model.faces[chosen], return_inverse=True)
     faces = faces.reshape(-1, 3).astype(np.int32)
-    matrix, faces = loop_matrix(faces, len(kept)) if kind != "body" else (np.eye(0), faces)
+    matrix, faces = (identity(len(kept)), faces) if kind == "body" else loop_matrix(faces, len(kept))
+    names = tuple(name for name in joints if kind == "body" or _near(at[name], points[kept]))
+    rows = count + np.array([joints.index(name) for name in names])
 
-    def smoothed(rows: np.ndarray) -> np.ndarray:
-        return rows if kind == "body" else matrix @ rows
-
-    names = tuple(name for name in joint if kind == "body" or _near(at[name], adult[kept], kind))
-    rows = [count + joint[name] for name in names]
-
-    def arranged(points: np.ndarray) -> np.ndarray:
-        points = points.astype(np.float64)
-        return np.concatenate([smoothed(points[kept]), points[rows]])
+    def arranged(fields: np.ndarray) -> np.ndarray:
+        """Fields (model's points, C) on the part's points."""
+        return np.concatenate([matrix @ fields[kept], fields[rows]])
 
     place = {int(old): new for new, old in enumerate(kept)}
     landmarks = {key: place[index] for key, index in model.landmarks.items() if index in place}
-    mean = arranged(model.mean)
-    skin = len(mean) - len(names)
+    skin = matrix.shape[0]
     landmarks |= {key: skin + names.index(key) for key in ("eye_left", "eye_right") if key in names}
-    regions = {
-        key: _carried(region, kept, smoothed)
-        for key, region in model.regions.items()
-        if np.isin(region.vertex_indices, kept).all()
-    }
+    mean = arranged(with_hips(model.mean.astype(np.float64), model.joint_names))
+    reduction, basis = _reduced(with_hips(model.basis, model.joint_names), kept)
+    columns = arranged(basis.transpose(1, 0, 2).reshape(len(points), -1))
+    every = bones_of(model, points, joints)
     part = PartModel(
         kind,
         mean,
-        np.stack([arranged(component) for component in model.basis]),
+        np.ascontiguousarray(columns.reshape(len(mean), -1, 3).transpose(1, 0, 2)),
+        reduction,
         faces,
         names,
+        tuple(
+            replace(
+                bone, joint=skin + names.index(joints[bone.joint - count]), weights=arranged(bone.weights)
+            )
+            for bone in every.values()
+            if _belongs(bone.name, kind)
+        ),
         landmarks,
-        regions,
+        {
+            key: _carried(region, kept, matrix)
+            for key, region in model.regions.items()
+            if np.isin(region.vertex_indices, kept).all()
+        },
         np.arange(skin),
         spread_points(mean[:skin], _SAMPLES),
         np.arange(skin),
     )
-    zone = _zone(part, arranged(adult))
+    zone = _zone(part, arranged(points))
     return replace(part, zone=zone, zone_samples=zone[spread_points(mean[zone], _SAMPLES)])
 
 
-def _carried(region: Region, kept: np.ndarray, smoothed: Callable[[np.ndarray], np.ndarray]) -> Region:
+def _reduced(
+    basis: Float32[np.ndarray, "K P 3"], kept: np.ndarray
+) -> tuple[Float64[np.ndarray, "L K"], Float64[np.ndarray, "L P 3"]]:
+    """(orthonormal combinations of the coefficients that move the vertices `kept`, their movements)."""
+    flat = basis[:, kept].reshape(len(basis), -1).astype(np.float64)
+    values, vectors = np.linalg.eigh(flat @ flat.T / len(kept))
+    reduction = vectors[:, ::-1].T[values[::-1] > _LEAST_MM**2]
+    moves = reduction @ basis.reshape(len(basis), -1)
+    return reduction, moves.reshape(len(reduction), -1, 3)
+
+
+def _belongs(bone: str, kind: Kind) -> bool:
+    """Whether the part turns that bone; a whole body leaves fingers and toes to its hands and feet."""
+    name, _, side = kind.partition("_")
+    if name == "body":
+        return not bone.startswith(("finger", "toes"))
+    own = {"head": ("head",), "hand": ("finger", "wrist"), "foot": ("toes", "ankle")}[name]
+    return bone.startswith(own) and (not side or bone.endswith(side))
+
+
+def _carried(region: Region, kept: np.ndarray, matrix: spmatrix) -> Region:
     """The region on the part's own vertices, its emphasis smoothed with them."""
     inside, emphasis = np.zeros(len(kept)), np.zeros(len(kept))
     place = np.searchsorted(kept, region.vertex_indices)
     inside[place], emphasis[place] = 1.0, region.emphasis
-    share = smoothed(inside)
+    share = matrix @ inside
     chosen = np.flatnonzero(share > 0.5)
-    return region.at(chosen, smoothed(emphasis)[chosen] / share[chosen])
+    return region.at(chosen, (matrix @ emphasis)[chosen] / share[chosen])
 
 
 def _cut(kind: Kind, skin: np.ndarray, at: Mapping[str, np.ndarray]) -> tuple[np.ndarray, int]:
@@ -180,7 +218,7 @@ def _connected(faces: np.ndarray, inside: np.ndarray, seed: int) -> np.ndarray:
     return np.flatnonzero(mine & (label[faces[:, 0]] == label[seed]))
 
 
-def _near(joint: np.ndarray, skin: np.ndarray, kind: Kind) -> bool:
+def _near(joint: np.ndarray, skin: np.ndarray) -> bool:
     """Whether a joint lies in the box of the part."""
     low, high = skin.min(0), skin.max(0)
     return bool((joint >= low).all() and (joint <= high).all())
