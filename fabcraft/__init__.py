@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Made": "fabcraft.pipeline",
-    "find_body": "fabcraft.pipeline",
+    "find_body": "fabcraft.wearer",
     "make": "fabcraft.pipeline",
     "write_all": "fabcraft.outputs",
     "Recipe": "fabcraft.recipe",

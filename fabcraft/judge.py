@@ -17,6 +17,7 @@ from fabcraft.geometry.raster import silhouette_mask
 from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.mesh import Mesh
 from fabcraft.solid.shell import PAD_ROOM_MM
+from fabcraft.template.mask import SIGHT_MM
 from fabcraft.template.template import Template
 
 PENETRATION_MM = 0.05
@@ -29,17 +30,18 @@ EYES = (("eye_right", "right"), ("eye_left", "left"))
 def worn(solid: Mesh, template: Template, relief: Relief, distance: SurfaceDistance) -> Worn:
     """What the object is held to on its body: the contacts that it covers rest, no penetration, the eyes free."""
     head = template.body
-    contacts = [
-        head.mesh.vertices[head.regions[name].vertex_indices][_covered(name, template, relief)]
-        for name in template.contacts
-    ]
+    contacts, gaps = [np.zeros((0, 3))], [np.zeros(0)]
+    for name in template.contacts:
+        region = head.regions[name]
+        contacts.append(head.mesh.vertices[region.vertex_indices][_covered(name, template, relief)])
+        gaps.append(np.full(len(contacts[-1]), max(template.resting_mm, region.never_closer_mm)))
     return Worn(
         body=distance,
         object=solid,
         clearance_mm=0.0,
         penetration_limit_mm=PENETRATION_MM,
         contacts=np.concatenate(contacts),
-        gaps_mm=template.resting_mm,
+        gaps_mm=np.concatenate(gaps),
         donning=template.donning,
         eyes=np.stack([head.landmarks[name] for name, _ in EYES]),
     )
@@ -70,6 +72,45 @@ def seat_findings(template: Template, relief: Relief) -> list[Finding]:
                     check="eyes",
                     severity="fail",
                     advice=f"The wearer's {side} eye is not behind an opening. Move the drawing (--up, --left, --scale).",
+                )
+            )
+    return found
+
+
+def contact_findings(solid: Mesh, template: Template, relief: Relief) -> list[Finding]:
+    """What became of the contacts of the wearer's own file: the distance kept, or the gap where it rests."""
+    head, found = template.body, []
+    surface = SurfaceDistance(solid)
+    for name in head.asked:
+        if name not in head.regions:
+            found.append(
+                Finding(check="contacts", severity="note", advice=f"{name} is not on the part that wears it.")
+            )
+            continue
+        region, words = head.regions[name], name.replace("_", " ")
+        away = surface.closest(head.mesh.vertices[region.vertex_indices]).distances
+        least = float(away.min())
+        if least < region.never_closer_mm - PENETRATION_MM:
+            found.append(
+                Finding(
+                    check="contacts",
+                    severity="fail",
+                    value=round(least, 2),
+                    limit=region.never_closer_mm,
+                    unit="mm",
+                    advice=f"It comes nearer to the {words} than was asked. Move the drawing (--up, --left), or ask for less.",
+                )
+            )
+        covered = _covered(name, template, relief) if name in template.contacts else np.zeros(0, dtype=bool)
+        if covered.any() and (gap := float(np.percentile(away[covered], 95))) > region.gap_mm:
+            found.append(
+                Finding(
+                    check="contacts",
+                    severity="warn",
+                    value=round(gap, 2),
+                    limit=region.gap_mm,
+                    unit="mm",
+                    advice=f"It does not come down to the {words} as was asked: the gap there is wider.",
                 )
             )
     return found
@@ -137,5 +178,6 @@ def motif_likeness(plate_solid: Mesh, plate: Template, relief: Relief) -> dict[s
 
 def _covered(name: str, template: Template, relief: Relief) -> Bool[np.ndarray, " N"]:
     """Which points of a region of the body lie under the object, far enough from its rims for a pad."""
-    points = template.body.mesh.vertices[template.body.regions[name].vertex_indices]
-    return relief.room_at(points[:, [0, 2]]) > PAD_ROOM_MM * template.scale
+    points, front = template.body.mesh.vertices[template.body.regions[name].vertex_indices], template.front
+    seen = -points[:, 1] > front.at(front.skin, points[:, [0, 2]]) - SIGHT_MM * template.scale
+    return seen & (relief.room_at(points[:, [0, 2]]) > PAD_ROOM_MM * template.scale)

@@ -21,13 +21,13 @@ from fabcraft.mesh import Mesh
 from fabcraft.recipe import Recipe, recipe_toml
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.camera import VIEWS
-from fabcraft.write.colours import BODY
 from fabcraft.write.files import checked_extension, write_mesh
 from fabcraft.write.landmarks import head_frame
 from fabcraft.write.maps import evolution_strip, penetration_map
 from fabcraft.write.page import write_page
 from fabcraft.write.picture import Item, png_bytes, scene_picture
 from fabcraft.write.places import require_places, write_together
+from fabcraft.write.wearer import contact_picture, wearer_items
 
 if TYPE_CHECKING:
     from fabcraft.pipeline import Made
@@ -38,6 +38,7 @@ CAPTIONS = {
     "side": "Side",
     "back": "Inside",
     "fit": "Distance of the inside to the skin",
+    "contacts": "Where it rests, and what it keeps clear of",
     "input": "What was understood of the drawing",
     "evolution": "From the template to the object",
 }
@@ -67,7 +68,7 @@ def require_outputs(recipe: Recipe, source: str = "") -> None:
     """
     for output in recipe.output:
         checked_extension(output)
-    inputs = (recipe.sketch, recipe.guidance, recipe.body, recipe.printer, source)
+    inputs = (recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source)
     require_places([*recipe.output, *side_files(recipe).values()], inputs)
 
 
@@ -137,8 +138,10 @@ def _write_page(path: Path, made: "Made", report: PrintReport, pictures: dict[st
 
 def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dict[str, bytes]:
     """PNG bytes by the names of `CAPTIONS`."""
-    worn = [Item(made.template.body.mesh, BODY, gloss=0.15), Item(made.object)]
-    frame = head_frame(made.template.body, made.object)
+    head = made.template.body
+    # a character is shown whole: its head alone would look cut off
+    worn = [*wearer_items(made.body if head.kind == "character" else head), Item(made.object)]
+    frame = head_frame(head, made.object)
 
     def on_body(view: str) -> np.ndarray:
         return scene_picture(worn, VIEWS[view], PORTRAIT, frame_on=frame)
@@ -155,8 +158,9 @@ def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dic
         "side": lambda: on_body("side"),
         "back": lambda: scene_picture([Item(made.object)], VIEWS["back"], PORTRAIT),
         "fit": lambda: penetration_map(
-            made.object, made.clearance_mm, VIEWS["back"], BESIDE_BAR, limit_mm=FIT_LIMIT_MM
+            made.object, made.clearance_mm, VIEWS["back"], BESIDE_BAR, limit_mm=FIT_LIMIT_MM * made.template.scale
         ),
+        "contacts": lambda: contact_picture(head, made.template.contacts),
         "input": drawing,
         "evolution": lambda: _evolution(made),
     }

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fabcraft.body.body import Body
+from fabcraft.body.contacts import read_contacts, with_contacts
 from fabcraft.check.inspect import Inspection, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
@@ -25,7 +26,7 @@ from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
 from fabcraft.solid.orient import onto_bed
 from fabcraft.template.template import Template
-from fabcraft.wearer import find_body, require_wearable
+from fabcraft.wearer import body_of, require_wearable
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +63,15 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     clock = Clock({}, tell)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
+        contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
         inputs = Given(
             read_image(recipe.sketch) if recipe.sketch else None,
             read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
         )
     with clock.stage("body"):
-        body = find_body(recipe.body, recipe.body_units, recipe.height_mm)
+        body = body_of(recipe)
         require_wearable(body, recipe.template)
+        body = with_contacts(body, contacts)
     shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         placed = onto_bed(replace(shaped.object, name=recipe.title or shaped.template.name), profile)
@@ -79,8 +82,8 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     report = replace(
         found,
         findings=(*found.findings, *shaped.findings, *_said(shaped, body)),
-        route=(*shaped.route, f"laid on the bed {placed.words}"),
-        metrics={**found.metrics, **shaped.metrics},
+        route=(*_person(body), *shaped.route, f"laid on the bed {placed.words}"),
+        metrics={**found.metrics, **shaped.metrics, **_measured(body)},
         seconds=clock.seconds,
     )
     return Made(
@@ -97,6 +100,22 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         clearance_mm=clearance,
         interrupted=shaped.interrupted,
     )
+
+
+def _person(body: Body) -> tuple[str, ...]:
+    """The asked measures, in a line of the route; nothing when none were asked."""
+    told = [
+        f"{name.replace('_', ' ')} {f'{one.words}, ' if one.words else ''}{one.asked_mm:.1f} mm asked, "
+        f"{one.reached_mm:.1f} reached"
+        for name, one in body.measures.items()
+    ]
+    return (f"{body.name} of the measures given: {'; '.join(told)}",) if told else ()
+
+
+def _measured(body: Body) -> dict[str, float]:
+    """Asked and reached measures for the report, mm."""
+    asked = {f"measure_{name}_asked_mm": one.asked_mm for name, one in body.measures.items()}
+    return asked | {f"measure_{name}_mm": one.reached_mm for name, one in body.measures.items()}
 
 
 def _said(shaped: Shaped, body: Body) -> list[Finding]:

@@ -45,11 +45,24 @@ class Recipe:
     encoder: str = ""
     """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
     body: str = "man"
-    """Who wears it: man, woman, child, a character (see `fabcraft bodies`), or a head scan (STL, OBJ, PLY, GLB, 3MF)."""
+    """Who wears it: man, woman, teenager, child, toddler, a character (`fabcraft bodies`), or a scan (STL, OBJ, PLY,
+    GLB, 3MF)."""
     height_mm: float = 0.0
     """Height of a character; 0 is its own."""
+    contacts: str = ""
+    """File of contacts, where it shall rest or keep away besides the template's own: .toml or .json."""
     body_units: Literal["", "mm", "cm", "m", "in"] = ""
     """Unit of a scan; proposed from its size when left out."""
+    body_kind: str = ""
+    """What a scan shows: head, hand, foot or body; found when left out."""
+    body_up: str = ""
+    """Axis of a scan's file to the top of the head or leg, or out of the back of the hand: x, -x, y, ...; found if left out."""
+    body_front: str = ""
+    """Axis of a scan's file that the face or toes look along, or that the fingers point along; found when left out."""
+    body_landmarks: str = ""
+    """File of a scan's landmarks, name to x, y, z in the scan's own unit and frame: JSON, TOML or CSV."""
+    measures: dict[str, float | str] = field(default_factory=dict)
+    """What the wearer measures: mm, or a size of a standard such as "US7" for ring_finger; see `fabcraft bodies show`."""
     printer: str = "prusa-mk4"
     """Printer profile: a name from `fabcraft printers`, or a TOML file."""
     output: tuple[str, ...] = ()
@@ -59,6 +72,8 @@ class Recipe:
     """How patiently to fit and how finely to build."""
     seed: int = 0
     """Of everything random."""
+    device: Literal["", "cpu", "cuda", "auto"] = ""
+    """Where the fit is computed; left out: on a graphics card, if there is one, where that is faster."""
     wall_mm: float = 0.0
     """Wall thickness; 0 is the template's own, or the printer's if that is more."""
     strap_slots: bool = True
@@ -118,7 +133,7 @@ def read_recipe(path: Path | str) -> Recipe:
     recipe = recipe_of(table, str(path))
     beside: dict[str, Any] = {
         name: str(path.parent / getattr(recipe, name))
-        for name in ("sketch", "guidance", "body", "printer")
+        for name in ("sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
         if getattr(recipe, name) and (path.parent / getattr(recipe, name)).is_file()
     }
     return replace(recipe, **beside)
@@ -189,7 +204,7 @@ def recipe_toml(recipe: Recipe) -> str:
                 inner = [f"{text(str(key))} = {text(one)}" for key, one in value.items()]
                 tables += ["", f"[{entry.name}]", *inner]
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
-            if entry.name in ("sketch", "guidance", "body", "printer"):
+            if entry.name in ("sketch", "guidance", "body", "body_landmarks", "contacts", "printer"):
                 value = Path(value).name  # a recipe that travels must not tell where a user keeps their files
             if entry.name == "output":
                 value = tuple(Path(one).name for one in value)

@@ -6,17 +6,19 @@ os.environ.setdefault(
     "OMP_WAIT_POLICY", "PASSIVE"
 )  # before torch: spinning threads would wait for each other
 
+os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # before cuBLAS: sums in a fixed order
+
 import contextlib
 import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
-from fabcraft import pipeline
-from fabcraft.cli import main
-from fabcraft.pipeline import Made
+if TYPE_CHECKING:
+    from fabcraft.pipeline import Made
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -31,17 +33,20 @@ class Run:
     """What --json printed."""
     progress: str
     """What stderr said."""
-    made: Made
+    made: "Made"
 
 
 @pytest.fixture(scope="session")
 def cat(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The cat mask for a man, draft, as 3MF and STL with everything beside them."""
+    from fabcraft import pipeline
+    from fabcraft.cli import main
+
     folder = tmp_path_factory.mktemp("cat")
-    kept: list[Made] = []
+    kept: list["Made"] = []
     original = pipeline.make
 
-    def keeping(*arguments, **named) -> Made:
+    def keeping(*arguments, **named) -> "Made":
         kept.append(original(*arguments, **named))
         return kept[-1]
 

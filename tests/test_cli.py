@@ -162,7 +162,7 @@ def test_bodies_show_draws_the_landmarks(tmp_path: Path, capsys: pytest.CaptureF
     told = json.loads(capsys.readouterr().out)
     assert told["files"] == [str(picture)]
     assert told["size_mm"][2] > 1500
-    assert 500 < told["measures"]["head_circumference"]["reached"] < 620
+    assert 500 < told["measures"]["head"]["reached"] < 620
     assert Image.open(picture).width > 1500
 
 

@@ -13,7 +13,7 @@ from fabcraft.fit.deform import ablate, deform
 from fabcraft.fit.descend import Stop
 from fabcraft.fit.mirror import Mirror
 from fabcraft.fit.presets import BASELINES, PRESETS, DeformSettings, baseline, for_text
-from fabcraft.fit.silhouette import Topology
+from fabcraft.fit.topology import Topology
 from fabcraft.fit.views import ViewBank
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.frame import Frame

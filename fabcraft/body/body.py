@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Int32, Int64
+from jaxtyping import Float64, Int, Int32, Int64
 from scipy.sparse import coo_matrix, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -28,6 +28,16 @@ _CLEAR_MM = 15.0
 """Landmarks nearer to a cut are left out: they belong to what was cut off."""
 LEAST_CLEARANCE_MM = 0.4
 """Of an object to a character."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measure that was asked for, and what became of it, mm."""
+
+    asked_mm: float
+    reached_mm: float
+    words: str = ""
+    """The size that was asked for, when it was not in millimetres: "US 7"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +61,12 @@ class Body:
     """Where the parts of a body that is no person are cut off; those of people follow from their joints."""
     scale: float = 1.0
     """Of a part of a body that is no person: its size over a median man's."""
+    asked: tuple[str, ...] = ()
+    """Regions that the wearer's own contact file names."""
     unwearable: Mapping[str, str] = field(default_factory=dict)
     """Templates that do not go on this body, each with the reason in words."""
+    measures: Mapping[str, Measured] = field(default_factory=dict)
+    """What the body was asked to measure."""
 
     def __post_init__(self) -> None:
         for name in ("landmarks", "joints"):
@@ -60,7 +74,7 @@ class Body:
             for point in points.values():
                 point.setflags(write=False)
             object.__setattr__(self, name, MappingProxyType(points))
-        for name in ("regions", "cuts", "unwearable"):
+        for name in ("regions", "cuts", "unwearable", "measures"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def part(self, name: str) -> "Body":
@@ -80,18 +94,38 @@ class Body:
         return max(person_mm * self.scale, LEAST_CLEARANCE_MM) if self.kind == "character" else person_mm
 
 
+@dataclass(frozen=True, eq=False)
+class PartSkin:
+    """The skin of a part before it is cut and capped: smoothed, a little larger than the part."""
+
+    coarse: Mesh
+    """The faces of the body that make it up."""
+    old_of_new: Int[np.ndarray, " C"]
+    """Index in the body of every vertex of `coarse`."""
+    matrix: csr_matrix
+    """(V, C): from values at the vertices of `coarse` to those of `fine`, the vertices of `coarse` first."""
+    fine: Mesh
+
+
+def part_skin(body: Body, cut: Cut) -> PartSkin:
+    """The skin of `body` round what `cut` will leave."""
+    slack = tuple((point - _SLACK_MM * normal, normal) for point, normal in cut.planes)
+    coarse, old_of_new = _crop(body.mesh, cut.crop or slack, cut.anchor)
+    matrix, fine = _smoothed(coarse, body.smoothing + cut.finer if body.smoothing else 0, cut.longest_mm)
+    return PartSkin(coarse, old_of_new, matrix, fine)
+
+
 def _cut_off(body: Body, cut: Cut, name: str) -> Body:
     """What lies within the planes of `cut`, smoothed and capped."""
-    slack = tuple((point - _SLACK_MM * normal, normal) for point, normal in cut.planes)
-    crop, old_of_new = _crop(body.mesh, slack, cut.anchor)
-    matrix, fine = _smoothed(crop, body.smoothing + cut.finer if body.smoothing else 0, cut.longest_mm)
-    landmarks = _follow(body.landmarks, crop.vertices, (matrix @ crop.vertices)[: len(crop.vertices)])
+    skin = part_skin(body, cut)
+    coarse, fine = skin.coarse, skin.fine
+    landmarks = _follow(body.landmarks, coarse.vertices, fine.vertices[: len(coarse.vertices)])
     part = cut_within(fan_closed(fine), cut.planes, cut.anchor)
     index = _vertex_map(fine.vertices, part.vertices)
     regions = {
         key: moved
         for key, region in body.regions.items()
-        if (moved := _moved(region, matrix, old_of_new, index)) is not None
+        if (moved := _moved(region, skin, index)) is not None
     }
     inside, clear = _box_within(part, cut.planes), _box_within(part, cut.planes, _CLEAR_MM * cut.scale)
     return replace(
@@ -99,29 +133,30 @@ def _cut_off(body: Body, cut: Cut, name: str) -> Body:
         name=name,
         mesh=Mesh(part.vertices, part.faces, name),
         landmarks={key: point for key, point in landmarks.items() if clear(point)},
-        joints={key: point for key, point in body.joints.items() if inside(point)},
+        joints={
+            key: point for key, point in body.joints.items() if inside(point) or key in cut.measured_from
+        },
         regions=regions,
         smoothing=0,
         scale=cut.scale,
     )
 
 
-def _moved(region: Region, matrix: csr_matrix, old_of_new: np.ndarray, index: np.ndarray) -> Region | None:
+def _moved(region: Region, skin: PartSkin, index: np.ndarray) -> Region | None:
     """The region on the part's mesh; None where it is not, or not wholly, part of it.
 
-    matrix : from the crop's vertices to the fine ones; old_of_new : the crop's in the body; index : of the fine
-    vertices in the part.
+    index : of the vertices of the fine skin in the part, -1 where they were cut off.
     """
-    inside, emphasis = np.zeros(len(old_of_new)), np.zeros(len(old_of_new))
-    place = np.searchsorted(region.vertex_indices, old_of_new)
+    inside, emphasis = np.zeros(len(skin.old_of_new)), np.zeros(len(skin.old_of_new))
+    place = np.searchsorted(region.vertex_indices, skin.old_of_new)
     place = np.minimum(place, len(region.vertex_indices) - 1)
-    member = region.vertex_indices[place] == old_of_new
+    member = region.vertex_indices[place] == skin.old_of_new
     inside[member], emphasis[member] = 1.0, region.emphasis[place[member]]
-    share = matrix @ inside
+    share = skin.matrix @ inside
     chosen = np.flatnonzero(share > 0.5)
     if member.sum() < len(region.vertex_indices) or (index[chosen] < 0).any():
         return None
-    return region.at(index[chosen], (matrix @ emphasis)[chosen] / share[chosen])
+    return region.at(index[chosen], (skin.matrix @ emphasis)[chosen] / share[chosen])
 
 
 def _box_within(mesh: Mesh, planes: Sequence[Plane], clear_mm: float = 0.0) -> Callable[[np.ndarray], bool]:

@@ -37,7 +37,7 @@ MAN_MM = {"breadth": 154.0, "height": 232.0, "wrist": 56.0, "foot": 271.0}
 """A median man's (ANSUR II, 2012): head breadth, vertex to menton, wrist girth over pi, foot length."""
 
 
-def character(name: str, height_mm: float = 0.0) -> Body:
+def character(name: str, height_mm: float | int = 0.0) -> Body:
     """The character called `name`, `height_mm` tall (0: its own desk-toy height); about a second.
 
     Raises `InputError` for another name, or a height outside 60-2500 mm.
@@ -51,8 +51,9 @@ def character(name: str, height_mm: float = 0.0) -> Body:
             f"a height of {height:g} mm was asked for the {name}",
             f"Choose between {HEIGHT_MM[0]:g} and {HEIGHT_MM[1]:g} mm; its own is {model.height_mm:g}.",
         )
-    mesh = symmetric_mesh(model.shape, np.array(model.bounds, dtype=np.float64), model.cell_mm)
-    marks, bones = landmarks(model, mesh), joints(model)
+    shape = model.shape()
+    mesh = symmetric_mesh(shape, np.array(model.bounds, dtype=np.float64), model.cell_mm)
+    marks, bones = landmarks(model, shape, mesh), joints(model)
     scales = _scales(model, marks)
     patches = regions(model, mesh, marks, bones, scales)
     factor = height / float(mesh.size_mm[2])

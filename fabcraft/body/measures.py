@@ -1,55 +1,252 @@
-"""Tape and calliper measures of a body, mm: what a maker would measure on the person.
+"""What is measured on a body, mm: the tape and calliper measures that a maker takes.
 
-A girth is the length of the convex hull of the section loop nearest to a point (the tape rule).  Definitions
-follow ANSUR II (Hotzman et al. 2011, NATICK/TR-11/017): head circumference is the largest level girth above
-the brows, head breadth the largest breadth above the ears, head length from glabella to the back of the head.
+Definitions follow ANSUR II (Hotzman et al. 2011, NATICK/TR-11/017) where it has the measure.  All but the height are
+taken on the smoothed skin of the body's parts, the one that templates are laid on.
+
+height        floor to crown
+head          largest level girth above the brows        head_breadth  largest breadth above the ears
+head_length   glabella to the back of the head           face_length   sellion to menton
+face_breadth  between the zygia                          pupils        between the eye centres
+neck          smallest girth square to the neck
+wrist         smallest girth in the lower third of the forearm
+hand          girth over the knuckles, without thumb     hand_length   wrist crease to middle finger tip
+ring_finger   girth at 60 % of the proximal phalanx      ring_knuckle  girth at its far joint
+foot          length                                     foot_width    breadth at the ball
+foot_girth    girth over the ball
+hand_folded   girth of the hand folded to pass a bangle: 1.07 of the hand's, unless a tape said otherwise
+
+Hands and feet have two sides: `wrist_left`, `wrist_right`; the plain name means both.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull
 
 from fabcraft.body.body import Body
-from fabcraft.mesh import Mesh
+from fabcraft.body.tape import Tape, between, extent, girth, longest, shortest
+from fabcraft.errors import InputError
+
+FOLDED = 1.07
+"""Girth of the folded hand over that of the flat one.  An estimate: a bangle of 199 mm is worn by a medium woman's
+hand of 187 mm."""
+
+SIDES = ("left", "right")
+_ALIKE_MM = 0.05
+_UP = np.array([0.0, 0.0, 1.0])
 
 
-def girth_mm(mesh: Mesh, point: Float64[np.ndarray, "3"], normal: Float64[np.ndarray, "3"]) -> float:
-    """Length of the hull of the section loop nearest to `point`; 0 where the plane misses the mesh."""
-    normal = normal / np.linalg.norm(normal)
-    height = (mesh.vertices - point) @ normal
-    height = np.where(np.abs(height) < 1e-9, 1e-9, height)  # a plane through a vertex is moved past it
-    crossed = mesh.faces[np.ptp(np.sign(height[mesh.faces]), axis=1) > 0]
-    if not len(crossed):
-        return 0.0
-    edges = np.sort(crossed[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-    cuts = edges[np.prod(np.sign(height[edges]), axis=2) < 0]  # two per face, in order
-    ends, which = np.unique(cuts, axis=0, return_inverse=True)
-    t = height[ends[:, 0]] / (height[ends[:, 0]] - height[ends[:, 1]])
-    points = mesh.vertices[ends[:, 0]] * (1 - t)[:, None] + mesh.vertices[ends[:, 1]] * t[:, None]
-    pairs = which.reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
-    _, loop = connected_components(graph, directed=False)
-    nearest = loop[np.argmin(np.linalg.norm(points - point, axis=1))]
-    across = np.linalg.svd(normal[None])[2][1:]
-    return float(ConvexHull(points[loop == nearest] @ across.T).area)  # "area" of a 2-D hull is its perimeter
+@dataclass(frozen=True)
+class Measure:
+    """How one measure is taken."""
+
+    part: str
+    """Part of the body; `*` stands for a side, "" for the whole skin."""
+    read: Callable[[Body, str], Tape]
+    """(the part, the side) to the tape."""
+
+    @property
+    def paired(self) -> bool:
+        """Whether there is one on each side."""
+        return self.part.endswith("*")
 
 
-def head_measures(body: Body) -> Mapping[str, float]:
-    """Head circumference, breadth and length, bizygomatic breadth, face length and pupil distance, mm."""
+def _height(body: Body, _: str) -> Tape:
+    if not {"vertex", "heel_left"} <= body.landmarks.keys():
+        raise InputError(f"{body.name} does not stand from floor to crown", "Use a whole body.")
+    return extent(body.mesh, _UP, np.ones(len(body.mesh.vertices), dtype=bool))
+
+
+def _head(body: Body, _: str) -> Tape:
     at = body.landmarks
     eyes = (at["eye_left"] + at["eye_right"]) / 2
     middle = np.array([0.0, (at["glabella"][1] + at["opisthocranion"][1]) / 2, eyes[2]])
-    above_ears = max(at["ear_tip_left"][2], at["ear_tip_right"][2]) + 8.0
-    up = np.array([0.0, 0.0, 1.0])
-    return {
-        "head_circumference": max(girth_mm(body.mesh, middle + up * h, up) for h in range(30, 61, 5)),
-        "head_breadth": float(np.ptp(body.mesh.vertices[body.mesh.vertices[:, 2] > above_ears, 0])),
-        "head_length": float(np.linalg.norm(at["opisthocranion"] - at["glabella"])),
-        "bizygomatic": float(at["zygion_left"][0] - at["zygion_right"][0]),
-        "menton_sellion": float(np.linalg.norm(at["sellion"] - at["menton"])),
-        "interpupillary": float(np.linalg.norm(at["eye_left"] - at["eye_right"])),
-    }
+    return _extreme(longest, lambda height: girth(body.mesh, middle + _UP * height, _UP), 30.0, 60.0, 4)
+
+
+def _head_breadth(body: Body, _: str) -> Tape:
+    above = max(body.landmarks[f"ear_tip_{side}"][2] for side in SIDES) + 8.0
+    return extent(body.mesh, np.array([1.0, 0.0, 0.0]), body.mesh.vertices[:, 2] > above)
+
+
+def _landmarks(start: str, end: str) -> Callable[[Body, str], Tape]:
+    def read(body: Body, side: str) -> Tape:
+        places = [body.landmarks[key.replace("*", side)] for key in (start, end)]
+        return between(body.mesh, *places)
+
+    return read
+
+
+def _pupils(body: Body, _: str) -> Tape:
+    line = np.stack([body.landmarks["eye_right"], body.landmarks["eye_left"]])
+    length = float(np.linalg.norm(line[1] - line[0]))
+    toward = (line[1] - line[0]) / length
+    nowhere, none = np.zeros((0, 2), dtype=np.int64), np.zeros(0)
+    return Tape(
+        length, line, np.zeros((0, 3)), nowhere, none, joints={"eye_right": -toward, "eye_left": toward}
+    )
+
+
+def _neck(body: Body, _: str) -> Tape:
+    root, axis = body.joints["neck_root"], body.joints["head"] - body.joints["neck_root"]
+    return _extreme(shortest, lambda t: girth(body.mesh, root + t * axis, axis), -0.3, 0.9, 7)
+
+
+def _wrist(body: Body, side: str) -> Tape:
+    wrist = body.joints[f"wrist_{side}"]
+    along = body.joints[f"lowerarm_{side}"] - wrist  # half the forearm
+    return _extreme(shortest, lambda t: girth(body.mesh, wrist + t * along, along), 0.0, 0.36, 7)
+
+
+def _hand(body: Body, side: str) -> Tape:
+    middle = (body.joints[f"finger2_1_{side}"] + body.joints[f"finger5_1_{side}"]) / 2
+    return girth(body.mesh, middle, middle - body.joints[f"wrist_{side}"])
+
+
+def _ring_finger(body: Body, side: str) -> Tape:
+    base, knuckle = body.joints[f"finger4_1_{side}"], body.joints[f"finger4_2_{side}"]
+    return girth(body.mesh, base + 0.6 * (knuckle - base), knuckle - base)
+
+
+def _ring_knuckle(body: Body, side: str) -> Tape:
+    base, knuckle, last = (body.joints[f"finger4_{bone}_{side}"] for bone in (1, 2, 3))
+    before, after = knuckle - base, last - knuckle
+    return girth(body.mesh, knuckle, before / np.linalg.norm(before) + after / np.linalg.norm(after))
+
+
+def _along_foot(body: Body, side: str) -> np.ndarray:
+    away = body.landmarks[f"toe_tip_{side}"] - body.landmarks[f"heel_{side}"]
+    return away * [1.0, 1.0, 0.0]
+
+
+def _foot(body: Body, side: str) -> Tape:
+    below = body.mesh.vertices[:, 2] < body.joints[f"foot_{side}"][2]
+    return extent(body.mesh, _along_foot(body, side), below)
+
+
+def _foot_width(body: Body, side: str) -> Tape:
+    along, heel = _along_foot(body, side), body.landmarks[f"heel_{side}"]
+    medial, lateral = body.landmarks[f"ball_medial_{side}"], body.landmarks[f"ball_lateral_{side}"]
+    across = lateral - medial
+    share = (body.mesh.vertices - heel) @ along / (along @ along)
+    outward = (body.mesh.vertices - medial) @ across / (across @ across)
+    before_toes = share < 0.80 - 0.14 * outward  # the little toe begins farther back
+    below = body.mesh.vertices[:, 2] < body.joints[f"foot_{side}"][2]
+    return extent(body.mesh, np.cross(_UP, along), below & (share > 0.5) & before_toes)
+
+
+def _foot_girth(body: Body, side: str) -> Tape:
+    medial, lateral = body.landmarks[f"ball_medial_{side}"], body.landmarks[f"ball_lateral_{side}"]
+    return girth(body.mesh, (medial + lateral) / 2, np.cross(lateral - medial, _UP))
+
+
+def _extreme(
+    choose: Callable[[list[Tape]], Tape], at: Callable[[float], Tape], low: float, high: float, count: int
+) -> Tape:
+    """The shortest or longest tape of a sweep: `count` places, then between them to a sixteenth of their distance.
+
+    A coarser sweep would jump from place to place while a body is fitted, and never settle.
+    """
+    places = np.linspace(low, high, count).tolist()
+    found = {place: at(place) for place in places}
+    step = (high - low) / (count - 1)
+    for _ in range(4):
+        step /= 2.0
+        best = choose(list(found.values()))
+        middle = next(place for place, tape in found.items() if tape is best)
+        found |= {near: at(near) for near in (middle - step, middle + step) if low <= near <= high}
+    return choose(list(found.values()))
+
+
+MEASURES: Mapping[str, Measure] = {
+    "height": Measure("", _height),
+    "head": Measure("head", _head),
+    "head_breadth": Measure("head", _head_breadth),
+    "head_length": Measure("head", _landmarks("glabella", "opisthocranion")),
+    "face_length": Measure("head", _landmarks("sellion", "menton")),
+    "face_breadth": Measure("head", _landmarks("zygion_right", "zygion_left")),
+    "pupils": Measure("head", _pupils),
+    "neck": Measure("head", _neck),
+    "wrist": Measure("hand_*", _wrist),
+    "hand": Measure("hand_*", _hand),
+    "hand_length": Measure("hand_*", _landmarks("wrist_palm_*", "middle_finger_tip_*")),
+    "ring_finger": Measure("hand_*", _ring_finger),
+    "ring_knuckle": Measure("hand_*", _ring_knuckle),
+    "foot": Measure("foot_*", _foot),
+    "foot_width": Measure("foot_*", _foot_width),
+    "foot_girth": Measure("foot_*", _foot_girth),
+}
+
+
+def sided(name: str) -> tuple[str, str]:
+    """(the measure, its side): `wrist_left` is ("wrist", "left"); of an unpaired or plain name the side is ""."""
+    base, _, side = name.rpartition("_")
+    return (base, side) if side in SIDES and base in MEASURES else (name, "")
+
+
+def tapes(body: Body, names: Collection[str] = tuple(MEASURES)) -> dict[str, Tape]:
+    """The measures `names` that `body` has the places for, both sides of the paired ones, as `wrist_left`."""
+    parts: dict[str, Body | None] = {"": body}
+    found: dict[str, Tape] = {}
+    for name in names:
+        measure = MEASURES[name]
+        for side in SIDES if measure.paired else ("",):
+            key = measure.part.replace("*", side)
+            if key not in parts:
+                parts[key] = _part_or_none(body, key)
+            part = parts[key]
+            if part is not None and (tape := _read_or_none(measure, part, side)) is not None:
+                found[f"{name}_{side}" if side else name] = tape
+    return found
+
+
+def measured(body: Body, names: Collection[str] = tuple(MEASURES)) -> dict[str, float]:
+    """What `tapes` reads, mm; a pair that is alike to 0.05 mm under its plain name."""
+    lengths = {name: tape.length_mm for name, tape in tapes(body, names).items()}
+    found: dict[str, float] = {}
+    for name, length in lengths.items():
+        base, side = sided(name)
+        twin = lengths.get(f"{base}_right") if side == "left" else lengths.get(f"{base}_left")
+        if side and twin is not None and abs(length - twin) < _ALIKE_MM:
+            found.setdefault(base, length)
+        else:
+            found[name] = length
+    return found
+
+
+def _part_or_none(body: Body, name: str) -> Body | None:
+    try:
+        return body.part(name)
+    except InputError:  # it has no such part
+        return None
+
+
+def _read_or_none(measure: Measure, part: Body, side: str) -> Tape | None:
+    try:
+        return measure.read(part, side)
+    except (InputError, KeyError):  # a scan or a character may lack a landmark
+        return None
+
+
+def folded_hand_mm(body: Body, side: str = "left") -> float:
+    """Girth of the hand folded to pass a bangle: what a tape said, or `FOLDED` times the flat hand's.
+
+    Raises `InputError` for a body without that hand.
+    """
+    for name in (f"hand_folded_{side}", "hand_folded"):
+        if name in body.measures:
+            return body.measures[name].reached_mm
+    return FOLDED * _hand(body.part(f"hand_{side}"), side).length_mm
+
+
+def folded_hands(body: Body) -> dict[str, float]:
+    """`folded_hand_mm` of the hands that `body` has, one name where both are alike."""
+    found = {f"hand_folded_{side}": folded_hand_mm(body, side) for side in SIDES if _has_hand(body, side)}
+    lengths = list(found.values())
+    if len(lengths) == 2 and abs(lengths[0] - lengths[1]) < _ALIKE_MM:
+        return {"hand_folded": lengths[0]}
+    return found
+
+
+def _has_hand(body: Body, side: str) -> bool:
+    return bool(tapes(body, ("hand",)).get(f"hand_{side}"))

@@ -9,7 +9,7 @@ Small limbs are cut nearer: 0.8 of the forearm at most, and 0.45 of the foot's l
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -37,12 +37,17 @@ class Cut:
     planes: tuple[Plane, ...]
     anchor: Float64[np.ndarray, "3"]
     """A point inside; of several pieces between the planes the one nearest to it is the part."""
+    crop: tuple[Plane, ...] = ()
+    """Planes outside of these, which crop the skin before it is smoothed; every opening they make must be a ring of
+    its own.  The planes themselves, moved outwards, when there are none."""
     finer: int = 0
     """Subdivisions beyond the body's own, where its skin is coarse."""
     longest_mm: float = np.inf
     """Longer edges are halved after that."""
     scale: float = 1.0
     """Size of the part over a median man's, for a body that is no person."""
+    measured_from: tuple[str, ...] = ()
+    """The places that the planes are measured from; the part keeps them, even beyond a cut."""
 
 
 def cut_of(name: str, body: str, joints: Points, landmarks: Points) -> Cut:
@@ -62,7 +67,7 @@ def cut_of(name: str, body: str, joints: Points, landmarks: Points) -> Cut:
             f"body {body} has no {', '.join(missing)}, so its part '{name}' cannot be cut off",
             "Choose a body that has that part (fabcraft bodies).",
         )
-    return cut(*(places[key] for key in wanted))
+    return replace(cut(*(places[key] for key in wanted)), measured_from=tuple(wanted))
 
 
 def _head(neck_root: np.ndarray, head: np.ndarray) -> Cut:
@@ -75,7 +80,12 @@ def _bust(notch: np.ndarray, left: np.ndarray, right: np.ndarray, head: np.ndarr
     across = across / width
     beyond = _BESIDE_SHOULDER * width * across
     floor = notch - _CHEST_DEPTH * width * _UP
-    return Cut(((floor, _UP), (left + beyond, -across), (right - beyond, across)), head, longest_mm=8.0)
+    planes = (floor, _UP), (left + beyond, -across), (right - beyond, across)
+    below = (
+        floor - _CHEST_DEPTH * width * _UP,
+        _UP,
+    )  # under the armpits, where arms and chest are rings apart
+    return Cut(planes, head, (below,), longest_mm=8.0)
 
 
 def _hand(wrist: np.ndarray, forearm: np.ndarray) -> Cut:

@@ -1,141 +1,219 @@
-"""`scan(path)`: a head scan becomes a `Body`: unit settled, cleaned, turned upright, closed, landmarked.
+"""`scan(path)`: somebody's scan, or a figure, becomes a `Body`: cleaned, upright, closed, landmarked; never bent.
 
-The head is found by fitting the baked model of people (`scan_fit`); the scan itself is only moved, never
-resized or bent.  Landmarks are the fitted person's, put on the scan's surface; regions are the nearest fitted
-skin's.
+file → pieces united → orderly → thinned → found (`scan_find`) → turned into the body frame → refined where things are
+worn → closed (`scan_close`) → landmarks and regions taken from the fitted person.  What was assumed or mended is said
+in `Body.notes`.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
-from fabcraft.body.body import NECK_BELOW_ROOT_MM, Body, cut_above, fan_closed, rim_loops
-from fabcraft.body.region import Region
-from fabcraft.body.scan_clean import cleaned, largest_piece
-from fabcraft.body.scan_fit import HeadFit, fit_head
+from fabcraft.body.body import Body
+from fabcraft.body.human import HumanModel, human_model
+from fabcraft.body.scan_clean import orderly, welded
+from fabcraft.body.scan_close import closed
+from fabcraft.body.scan_density import refined, seen, thinned, thinning_note
+from fabcraft.body.scan_find import Found, find, similarity_of
+from fabcraft.body.scan_fit import PartFit
+from fabcraft.body.scan_marks import has_enough, read_marks, require_enough
+from fabcraft.body.scan_part import ASKED, Kind, PartModel, part_model
+from fabcraft.body.scan_pieces import assembled
+from fabcraft.body.scan_places import joints_of, landmarks_on, regions_on, size_of
+from fabcraft.body.scan_turn import file_frame, rotations_of, turn_note
+from fabcraft.body.scan_units import every_unit, file_mm, guesses, unit_note, words_of
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
-from fabcraft.read.mesh_file import UNITS_MM, read_mesh
-
-HEAD_MM = (180.0, 400.0)
-"""Largest side of a scan of head and neck."""
-_POSSIBLE_MM = (150.0, 700.0)
-"""Largest side of a scan that is looked at: a child's face to a bust with shoulders."""
-_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "in": "inches"}
-
-MATCHED_AT_LEAST = 0.6
-"""Share of the fitted face that must lie on the scan: 1.0 on heads, below 0.4 on spheres, boxes and feet."""
-_REGION_REACH_MM = 12.0
-_RIM_ABOVE_MM = 0.5
-"""The neck is cut level this far above the highest point of its opening."""
+from fabcraft.read.mesh_file import read_mesh
 
 
-def scan(path: Path | str, units: str | None = None) -> Body:
-    """The head in a scan file (STL, OBJ, PLY, GLB, 3MF) as a body.
+@dataclass(frozen=True)
+class ScanSettings:
+    """What is known of a scan; what is left out is found."""
 
-    units : mm, cm, m or in; without it the file's own unit, or the one that makes it a head: see `notes`.
-    Raises `InputError` for an unreadable file, a size that no head has, or a surface without a head.
+    units: str = ""
+    """mm, cm, m or in."""
+    kind: str = "auto"
+    """auto, head, hand, foot or body; a hand or foot may be named by its side, as in hand_left."""
+    up: str = ""
+    """The file's axis to the top of the head or of the leg, or out of the back of the hand: x, y, z, -x, -y or -z."""
+    front: str = ""
+    """The file's axis that the face or the toes look along, or that the fingers point along."""
+    landmarks: str = ""
+    """A file of landmarks in the scan's own unit and frame: JSON, TOML or CSV, name to x, y, z."""
+
+
+class NotFoundError(InputError):
+    """Nothing that is worn on was found; carries what was, for a picture."""
+
+    def __init__(self, message: str, next_step: str, found: Body) -> None:
+        super().__init__(message, next_step)
+        self.found = found
+        """The scan with the landmarks where the best fit would have them."""
+
+
+_NO_SETTINGS = ScanSettings()
+_FINE, _COARSE = 0.012, 0.06
+"""Longest edges where a thing may rest, and elsewhere, as shares of the part's size."""
+_OFF_SURFACE = 0.03
+"""Share of the scan's size by which a given landmark may be off its surface."""
+
+
+def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
+    """The person, or the part of one, in a scan file (STL, OBJ, PLY, GLB, 3MF) as a body.
+
+    Raises `InputError` for an unreadable file, a size that nobody has, a surface with too much missing, or settings
+    that do not suit it; `NotFoundError` where nobody was found.
     """
-    piece, left_out = largest_piece(read_mesh(path, units))
-    mesh, notes = _settled(piece, Path(path), units)
-    notes += left_out
-    surface, repairs = cleaned(mesh)
-    fit = fit_head(surface)
-    if fit.matched < MATCHED_AT_LEAST:
-        raise InputError(
-            f"no head was found in {Path(path).name}: "
-            f"only {100 * fit.matched:.0f} % of the best-fitting face lies on the scan",
-            "Crop it to head and neck, with an axis pointing up; or use a ready body (fabcraft bodies).",
-        )
-    upright = surface.with_vertices(fit.place.points(surface.vertices))
-    closed, closing = _closed(upright, fit)
-    turned = np.degrees(np.arccos(np.clip((np.trace(fit.place.rotation) - 1) / 2, -1, 1)))
-    if turned > 1:
-        notes += (f"The scan was turned by {turned:.0f} degrees, so that it stands and looks forward.",)
+    path = Path(path)
+    if settings.kind not in ASKED:
+        raise InputError(f"--body-kind '{settings.kind}' was asked", f"Choose one of: {', '.join(ASKED)}.")
+    model = human_model()
+    marks = _marks(path, settings, model)
+    raw, notes = welded(read_mesh(path, settings.units or None))
+    raw, joined = assembled(raw)
+    size = float(raw.size_mm.max())
+    kinds = _kinds(settings, marks, model)
+    options = every_unit(path, settings.units, kinds) if marks else guesses(size, path, settings.units, kinds)
+    surface, repairs = orderly(thinned(raw))
+    parts = {kind: part_model(model, kind) for kind in dict.fromkeys(guess.kind for guess in options)}
+    frames = {kind: _frame(part, model) for kind, part in parts.items()}
+    turns = {kind: rotations_of(frame, settings.up, settings.front, path) for kind, frame in frames.items()}
+    cloud, rim = seen(surface)
+    found = find(cloud, rim, options, parts, turns, marks)
+    said = (
+        unit_note(path, found.guess.unit, found.guess.factor * size, settings.units),
+        *notes,
+        *joined,
+        *thinning_note(raw, surface, found.guess.factor),
+        *repairs,
+        turn_note(found.main.place.rotation, frames[found.guess.kind], settings.up, settings.front, path),
+        _shown(found),
+    )
+    if not found.person and not marks:
+        raise NotFoundError(*_nobody(path, found), _as_found(surface, found, said))
+    return _body(surface, found, marks, said)
+
+
+def _as_found(surface: Mesh, found: Found, said: tuple[str, ...]) -> Body:
+    """The scan as it is in the body frame, with the landmarks of the fit."""
+    home = similarity_of(found.main)
+    part, points = found.main.part, home.points(found.main.points)
+    upright = surface.with_vertices(home.points(found.guess.factor * surface.vertices))
+    landmarks = {name: points[row] for name, row in part.landmarks.items()}
+    return Body(surface.name, upright, landmarks, {}, "scan", notes=said)
+
+
+def _body(surface: Mesh, found: Found, marks: Mapping[str, np.ndarray], said: tuple[str, ...]) -> Body:
+    """The scan in the body frame, closed, with its places."""
+    home = similarity_of(found.main)
+    fits = tuple(replace(fit, points=home.points(fit.points)) for fit in found.fits)
+    upright = surface.with_vertices(home.points(found.guess.factor * surface.vertices))
+    skin = closed(_finer(upright, fits), fits[0] if found.person else None)
+    given = {name: home.points(found.guess.factor * point[None])[0] for name, point in marks.items()}
+    regions, lacking = regions_on(skin.mesh, fits, skin.unsure)
+    missing = (f"The scan does not show: {', '.join(lacking).replace('_', ' ')}.",) if lacking else ()
+    landmarks = landmarks_on(skin.mesh, fits, _on_surface(skin.mesh, given))
     return Body(
-        closed.name,
-        closed,
-        _landmarks(closed, fit),
-        _regions(closed, fit),
+        surface.name,
+        skin.mesh,
+        landmarks,
+        regions,
         "scan",
-        {key: fit.person.joints[key] for key in ("neck_root", "head")},
-        notes + repairs + closing,
+        joints_of(fits),
+        (*said, *skin.notes, *missing, *_estimated(landmarks, skin.unsure, size_of(fits[0]))),
     )
 
 
-def _settled(mesh: Mesh, path: Path, units: str | None) -> tuple[Mesh, tuple[str, ...]]:
-    """(the mesh in mm, the assumption about its unit).  Raises `InputError` when no unit makes it a head."""
-    size = float(mesh.size_mm.max())
-    if _POSSIBLE_MM[0] <= size <= _POSSIBLE_MM[1]:
-        unitless = units is None and path.suffix.lower() in (".stl", ".obj", ".ply")
-        return mesh, (f"{path.name} has no unit; it was taken as millimetres.",) if unitless else ()
-    declared = UNITS_MM[units] if units else 1000.0 if path.suffix.lower() in (".glb", ".gltf") else 1.0
-    proposal = next(
-        (
-            unit
-            for low, high in (HEAD_MM, _POSSIBLE_MM)
-            for unit, length_mm in UNITS_MM.items()
-            if low <= size / declared * length_mm <= high
-        ),
-        None,
+def _estimated(landmarks: Mapping[str, np.ndarray], unsure: np.ndarray, size: float) -> tuple[str, ...]:
+    """A note about the landmarks that lie on fillings."""
+    if not len(unsure):
+        return ()
+    away = cKDTree(unsure).query(np.stack(list(landmarks.values())))[0]
+    names = [name for name, distance in zip(landmarks, away, strict=True) if distance < 0.02 * size]
+    return (f"Estimated, since they were not scanned: {', '.join(names).replace('_', ' ')}.",) if names else ()
+
+
+def _marks(path: Path, settings: ScanSettings, model: HumanModel) -> dict[str, np.ndarray]:
+    """The given landmarks in the frame and unit that the scan is read into."""
+    if not settings.landmarks:
+        return {}
+    given = read_marks(settings.landmarks, (*model.landmarks, "eye_left", "eye_right"))
+    turn = file_frame(path)
+    return {name: file_mm(path, settings.units) * turn @ point for name, point in given.items()}
+
+
+def _kinds(settings: ScanSettings, marks: Mapping[str, np.ndarray], model: HumanModel) -> tuple[Kind, ...]:
+    """The kinds asked for that have all the given landmarks."""
+    asked = ASKED[settings.kind]
+    if not marks:
+        return asked
+    having = [kind for kind in asked if set(marks) <= set(part_model(model, kind).landmarks)]
+    if not having:
+        raise InputError(
+            f"no kind of scan has all the landmarks {', '.join(marks)}",
+            "Give those of one part: a head, a hand, a foot, or a whole body.",
+        )
+    enough = [kind for kind in having if has_enough(marks, kind)]
+    if not enough:
+        require_enough(marks, having[0], Path(settings.landmarks))
+    return tuple(enough)
+
+
+def _frame(part: PartModel, model: HumanModel) -> tuple[np.ndarray, np.ndarray]:
+    return part.frame(part.points(model.presets["man"].astype(np.float64)))
+
+
+def _shown(found: Found) -> str:
+    """What was found, and how well."""
+    fit, name = found.main, words_of(found.guess.kind)
+    if not found.person:
+        return f"It was taken as {name} by the given landmarks; its shape is nobody's, so places between them are rough."
+    said = f"It shows {name}: {fit.matched:.0%} of the fitted one lies on it, {fit.rms:.1f} mm away (rms)."
+    if found.doubt is not None:
+        said += f" It may as well be {words_of(found.doubt)}; if so, pass --body-kind {found.doubt}."
+    return said
+
+
+def _nobody(path: Path, found: Found) -> tuple[str, str]:
+    """(what was found, what to do)."""
+    return (
+        f"nobody was found in {path.name}: the best guess is {words_of(found.guess.kind)}, of which only "
+        f"{found.main.matched:.0%} lies on the scan",
+        "Crop it to a head, a hand, a foot or a body; say more with --body-kind, --body-up and --body-front; or name "
+        "its landmarks in a file (--body-landmarks).",
     )
-    if proposal is None:
-        raise InputError(
-            f"{path.name} would be {size:.3g} mm large; a head with its neck is "
-            f"{HEAD_MM[0]:.0f} to {HEAD_MM[1]:.0f} mm tall",
-            "Crop the scan to head and neck, and pass its unit with --body-units mm, cm, m or in.",
-        )
-    if units is not None:
-        raise InputError(
-            f"the head would be {size:.3g} mm tall: the file looks like {_WORDS[proposal]}",
-            f"Pass --body-units {proposal}.",
-        )
-    factor = UNITS_MM[proposal] / declared
-    note = f"{path.name} was taken as {_WORDS[proposal]}, which makes it {size * factor:.0f} mm large."
-    return mesh.with_vertices(mesh.vertices * factor), (note,)
 
 
-def _closed(mesh: Mesh, fit: HeadFit) -> tuple[Mesh, tuple[str, ...]]:
-    """The upright scan without an opening: the neck cut level, an opening elsewhere bridged."""
-    loops = rim_loops(mesh.faces)
-    floor = float(mesh.bounds[0, 2]) - 1.0
-    notes: tuple[str, ...] = ()
-    if loops:
-        rim = float(mesh.vertices[loops[0], 2].max()) + _RIM_ABOVE_MM
-        if rim < fit.person.landmarks["menton"][2]:
-            floor, notes = rim, ("The open neck was cut level and closed.",)
-        else:
-            notes = ("The scan is open above the chin; the opening was bridged; nothing can rest there.",)
-    closed = cut_above(fan_closed(mesh), floor)
-    handles = 1 - (len(closed.vertices) - len(closed.faces) // 2) // 2
-    if handles > 0:
-        notes += (f"The scan has {handles} tunnels (behind an ear or in hair), which were left.",)
-    return closed, notes
+def _finer(mesh: Mesh, fits: Sequence[PartFit]) -> Mesh:
+    """`mesh` with short edges where something may rest."""
+    for fit in fits[1:] or fits:
+        rows = [region.vertex_indices for region in fit.part.regions.values() if region.weight > 0]
+        rows = [*rows, np.array([row for row in fit.part.landmarks.values() if row < fit.part.skin])]
+        size = size_of(fit)
+        mesh = refined(mesh, fit.points[np.unique(np.concatenate(rows))], _FINE * size, _COARSE * size)
+    return mesh
 
 
-def _landmarks(mesh: Mesh, fit: HeadFit) -> dict[str, Float64[np.ndarray, "3"]]:
-    """The fitted landmarks of the head, those of the skin put onto the scan."""
-    floor = fit.person.joints["neck_root"][2] - NECK_BELOW_ROOT_MM
-    of_head = {key: point for key, point in fit.person.landmarks.items() if point[2] > floor}
-    names = [key for key in of_head if key not in ("eye_left", "eye_right")]
-    on_skin = SurfaceDistance(mesh).closest(np.stack([of_head[key] for key in names])).points
-    return of_head | dict(zip(names, on_skin, strict=True))
-
-
-def _regions(mesh: Mesh, fit: HeadFit) -> dict[str, Region]:
-    """Every scan vertex belongs to the regions of the nearest fitted skin; none farther than 12 mm."""
-    person = fit.person.part("head")
-    normal_mm = 5.0  # keeps the two sides of lips, lids and ears apart
-    tree = cKDTree(np.hstack([person.mesh.vertices, normal_mm * person.mesh.vertex_normals]))
-    distance, nearest = tree.query(np.hstack([mesh.vertices, normal_mm * mesh.vertex_normals]))
-    regions = {}
-    for key, region in person.regions.items():
-        inside = np.isin(nearest, region.vertex_indices) & (distance < _REGION_REACH_MM)
-        if not inside.any():  # a coarse scan may have no vertex there: the nearest one stands for it
-            middle = person.mesh.vertices[region.vertex_indices].mean(0)
-            inside[np.linalg.norm(mesh.vertices - middle, axis=1).argmin()] = True
-        regions[key] = region.at(np.flatnonzero(inside))
-    return regions
+def _on_surface(mesh: Mesh, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Given landmarks put onto the skin; `InputError` for one that is far from it."""
+    if not given:
+        return {}
+    near = SurfaceDistance(mesh).closest(np.stack(list(given.values())))
+    limit = _OFF_SURFACE * float(mesh.size_mm.max())
+    placed = {}
+    for index, (name, point) in enumerate(given.items()):
+        if name.startswith("eye_"):
+            placed[name] = point
+            continue
+        if near.distances[index] > limit:
+            raise InputError(
+                f"the landmark {name} lies {near.distances[index]:.0f} mm from the scan's surface",
+                "Landmarks are in the scan's own unit and frame, as its program shows them.",
+            )
+        placed[name] = near.points[index]
+    return placed

@@ -1,82 +1,86 @@
-"""A scanned surface becomes orderly: one piece, two faces per edge, outside outward, small holes filled.
+"""A scanned surface becomes orderly: at most two faces an edge, wound alike, outside outward.
 
-The largest opening, as a rule the neck's, stays open.
+Openings stay as they are: what becomes of them is decided when it is known what the scan shows (`scan_close`).
 """
 
+import igl
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Bool, Int32
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from fabcraft.body.body import fan_closed, rim_loops
+from fabcraft.body.body import fan_closed
 from fabcraft.errors import InputError
+from fabcraft.geometry.edges import edge_uses
 from fabcraft.mesh import Mesh
+from fabcraft.read.mesh_file import merged
 
-MAX_FACES = 36_000
-"""Scans are thinned to this; closing them adds a little."""
+_WELD = 2e-4
+"""Share of the size within which the corners of a soup of triangles are the same place."""
+_SOUP_SHARE = 0.3
+"""A surface with this share of edges of one face is a soup."""
 
 
-def cleaned(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
-    """(the surface with at most one opening, what was done in sentences).
+def welded(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
+    """(`mesh` with the nearly equal corners of a soup of triangles joined, and no face twice; what was done)."""
+    if _open_share(mesh) < _SOUP_SHARE:
+        return mesh, ()
+    pairs = cKDTree(mesh.vertices).query_pairs(_WELD * float(mesh.size_mm.max()), output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(mesh.vertices),) * 2)
+    _, place = connected_components(graph, directed=False)
+    _, first = np.unique(place, return_index=True)
+    joined = Mesh(*merged(mesh.vertices[first], place[mesh.faces]), mesh.name)
+    if not len(joined.faces) or _open_share(joined) >= 0.9 * _open_share(mesh):
+        return mesh, ()
+    return joined, ("The scan's triangles did not share corners; nearly equal corners were joined.",)
 
-    Raises `InputError` when nothing like a surface is left.
+
+def _open_share(mesh: Mesh) -> float:
+    counts = edge_uses(mesh.faces)[1]
+    return float((counts == 1).mean()) if len(counts) else 0.0
+
+
+def orderly(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
+    """(the largest sheet of `mesh`, two faces an edge and looking outward; what was done, in sentences).
+
+    Raises `InputError` when nothing like a surface is left, or it has no two sides.
     """
-    notes = []
-    if len(mesh.faces) > MAX_FACES:
-        notes.append(f"The scan was thinned from {len(mesh.faces):,} to about {MAX_FACES:,} triangles.")
-        mesh = _thinned(mesh)
-    mesh = _two_faces_an_edge(mesh)
-    mesh = _outward(mesh)
-    loops = rim_loops(mesh.faces)
-    if len(loops) > 1:
-        notes.append(f"Small openings of the scan were filled: {len(loops) - 1}.")
-        mesh = _filled(mesh, loops[1:])
-    return mesh, tuple(notes)
-
-
-def largest_piece(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
-    """(the connected piece with the most faces, a sentence about the others if there are any)."""
-    faces, others = _largest(mesh.faces, len(mesh.vertices))
-    piece = Mesh(mesh.vertices, faces, mesh.name).submesh(np.arange(len(faces)))
-    if not others:
-        return piece, ()
-    return piece, (f"Loose pieces beside the head were left out: {others}.",)
-
-
-def _largest(faces: Int32[np.ndarray, "F 3"], count: int) -> tuple[Int32[np.ndarray, "G 3"], int]:
-    """The faces of the largest piece, and the number of the others."""
-    edges = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    sizes = np.bincount(label[faces[:, 0]])
-    return faces[label[faces[:, 0]] == sizes.argmax()], int((sizes > 0).sum()) - 1
-
-
-def _thinned(mesh: Mesh) -> Mesh:
-    import fast_simplification
-
-    # copies, since the library takes only arrays that it could write to
-    vertices, faces = fast_simplification.simplify(
-        mesh.vertices.copy(), mesh.faces.copy(), target_count=MAX_FACES
-    )
-    return Mesh(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int32), mesh.name)
-
-
-def _two_faces_an_edge(mesh: Mesh) -> Mesh:
-    """Without the faces at edges that three or more share, until none is left; then the largest piece."""
-    faces = np.unique(np.sort(mesh.faces, axis=1), axis=0, return_index=True)[1]
-    kept = mesh.faces[np.sort(faces)]
-    while len(kept):
-        edges = np.sort(kept[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        _, place, uses = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
-        crowded = (uses[place.reshape(-1)] > 2).reshape(-1, 3).any(1)
+    single = np.sort(np.unique(np.sort(mesh.faces, axis=1), axis=0, return_index=True)[1])
+    faces, dropped = mesh.faces[single], 0
+    while len(faces):
+        edges, counts = edge_uses(faces)
+        crowded = (counts[edges] > 2).any(1)
         if not crowded.any():
             break
-        kept = kept[~crowded]
-    if not len(kept):
-        raise InputError(f"{mesh.name} is not a surface", "Repair it in the scanning program.")
-    kept, _ = _largest(kept, len(mesh.vertices))
-    return _vertices_apart(Mesh(mesh.vertices, kept, mesh.name))
+        dropped += int(crowded.sum())
+        faces = faces[~crowded]
+    if not len(faces):
+        raise InputError(
+            f"{mesh.name} is not a surface: no edge joins exactly two of its triangles",
+            "Repair it in the scanning program, or export it as a mesh.",
+        )
+    notes = []
+    if dropped:
+        notes.append(f"Triangles at edges that three or more share were left out: {dropped}.")
+    sheet = _vertices_apart(Mesh(mesh.vertices, faces, mesh.name))
+    sheet, turned = outward(sheet.submesh(largest(sheet)))
+    return sheet, (*notes, *turned)
+
+
+def pieces(mesh: Mesh) -> tuple[int, np.ndarray]:
+    """(how many pieces that share corners, the piece of every face)."""
+    edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(mesh.vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][mesh.faces[:, 0]]
+    found, number = np.unique(label, return_inverse=True)
+    return len(found), number.reshape(-1)
+
+
+def largest(mesh: Mesh) -> Bool[np.ndarray, " F"]:
+    """The faces of the piece with the most area."""
+    count, label = pieces(mesh)
+    return label == np.bincount(label, mesh.face_areas, count).argmax()
 
 
 def _vertices_apart(mesh: Mesh) -> Mesh:
@@ -97,28 +101,27 @@ def _vertices_apart(mesh: Mesh) -> Mesh:
     return Mesh(vertices, np.searchsorted(sheets, label).reshape(-1, 3).astype(np.int32), mesh.name)
 
 
-def _outward(mesh: Mesh) -> Mesh:
-    """All faces wound alike, and outward as far as the closed-up surface encloses a positive volume.
+def outward(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
+    """(all faces wound alike, and outward as far as the closed-up surface encloses a positive volume; a note).
 
     Raises `InputError` for a surface without two sides.
     """
-    import igl
-
     faces = np.asarray(igl.bfs_orient(mesh.faces.astype(np.int64))[0], dtype=np.int32)
     directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
     if len(np.unique(directed @ [2**32, 1])) < len(directed):
-        raise InputError(f"{mesh.name} has no inside and outside", "Repair it in the scanning program.")
-    mesh = Mesh(mesh.vertices, faces, mesh.name)
-    if fan_closed(mesh).volume_mm3 < 0:
-        mesh = Mesh(mesh.vertices, faces[:, ::-1], mesh.name)
-    return mesh
+        raise InputError(
+            f"{mesh.name} has no inside and outside: following its triangles, one comes back on the other side",
+            "Repair it in the scanning program.",
+        )
+    if fan_closed(Mesh(mesh.vertices, faces, mesh.name)).volume_mm3 < 0:
+        faces = faces[:, ::-1]
+    share = float(_turned(mesh.faces, faces).mean())
+    said = "The scan was inside out; all its triangles were turned round."
+    if share <= 0.99:
+        said = f"Triangles that looked inward were turned round: {share:.1%}."
+    return Mesh(mesh.vertices, faces, mesh.name), (said,) if share else ()
 
 
-def _filled(mesh: Mesh, loops: list[np.ndarray]) -> Mesh:
-    """These boundary loops closed by fans."""
-    vertices, faces = [mesh.vertices], [mesh.faces]
-    for index, loop in enumerate(loops):
-        centre = np.full(len(loop), len(mesh.vertices) + index)
-        vertices.append(mesh.vertices[loop].mean(0)[None])
-        faces.append(np.stack([np.roll(loop, -1), loop, centre], axis=1).astype(np.int32))
-    return Mesh(np.concatenate(vertices), np.concatenate(faces), mesh.name)
+def _turned(before: Int32[np.ndarray, "F 3"], after: Int32[np.ndarray, "F 3"]) -> Bool[np.ndarray, " F"]:
+    """Which faces go round the other way."""
+    return ~np.any([(np.roll(after, step, axis=1) == before).all(1) for step in range(3)], axis=0)

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from fabcraft.check.rays import Rays
 from fabcraft.check.report import Finding, Place, Value, places
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.passage import passage
 from fabcraft.mesh import Mesh
 
 SAMPLES = 20_000
@@ -55,15 +56,17 @@ class Fit:
 
 @dataclass(frozen=True)
 class Donning:
-    """How an object gets onto the body along a straight path."""
+    """How an object gets onto the body along its path."""
 
     poses: int
     travel_mm: float
-    """Length of the path from off the body to its seat."""
+    """Length of the path from its seat to where it is off the body."""
     pen_max_mm: float
     """Deepest on the way, beyond what the seat itself has."""
+    stuck_pose: int
+    """Number of the pose where that happens; 0 is the seat."""
     stuck_at_mm: float
-    """How far from its seat that happens."""
+    """How far that is along the path from the seat."""
     stuck_place: Place
     """Where on the body, mm."""
     allowed_mm: float
@@ -136,35 +139,42 @@ def measure_donning(
     allowed_mm: float = 0.5,
     poses: int = 40,
 ) -> Donning:
-    """Move the seated object off the body along `direction`, and measure how deep it presses on the way.
+    """Move the seated object off the body along the straight way `direction`, and measure how deep it presses.
 
     `direction`: the way off (a mask: -y, to the front). `allowed_mm`: what skin and the object's flex take.
     `poses`: at least 30, denser near the seat, where a brow, a nose or a knuckle stands in the way.
     """
     axis = np.array(direction) / np.linalg.norm(direction)
+    travel = float((body.mesh.vertices @ axis).max() - (mesh.vertices @ axis).min()) + _AWAY_MM
+    steps = max(travel, _AWAY_MM) * np.linspace(0.0, 1.0, max(poses, 30)) ** 1.7
+    path = np.tile(np.eye(4), (len(steps), 1, 1))
+    path[:, :3, 3] = steps[:, None] * axis
+    return measure_path(mesh, body, path, allowed_mm)
+
+
+def measure_path(
+    mesh: Mesh, body: SurfaceDistance, poses: Float64[np.ndarray, "K 4 4"], allowed_mm: float = 0.5
+) -> Donning:
+    """Move the object through `poses` and measure how deep it presses into the body on the way.
+
+    `poses`: rigid transforms of the worn object from its seat (the first, the identity) outwards. `body`: what it has to
+    pass, which need not be what it sits on (a folded hand). `allowed_mm`: what skin and the object's flex take.
+    """
     # one vertex in every cubic millimetre: a path is a matter of millimetres, the seat is measured on all of them
     _, kept = np.unique(np.round(mesh.vertices).astype(np.int64), axis=0, return_index=True)
     points = np.concatenate([surface_samples(mesh, 6000), mesh.vertices[np.sort(kept)]])
-    travel = float((body.mesh.vertices @ axis).max() - (points @ axis).min()) + _AWAY_MM
-    travel = max(travel, _AWAY_MM)
-    seat = body.signed(points)
-    steps = travel * np.linspace(0.0, 1.0, max(poses, 30)) ** 1.7
-    worst, at, place = -np.inf, 0.0, points[0]
-    for step in steps[1:]:
-        moved = points + step * axis
-        near = (moved >= body.mesh.bounds[0]).all(1) & (moved <= body.mesh.bounds[1]).all(1)
-        if not near.any():
-            continue
-        # Only what the way adds counts: the seat's own penetration is reported by `measure_fit`.
-        extra = np.maximum(-body.signed(moved[near]), 0.0) - np.maximum(-seat[near], 0.0)
-        if extra.max() > worst:
-            worst, at, place = float(extra.max()), float(step), moved[near][int(np.argmax(extra))]
+    middle = points.mean(0)
+    middles = poses[:, :3, :3] @ middle + poses[:, :3, 3]
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middles, axis=0), axis=1))])
+    way = passage(points, poses, body)
+    stuck = int(np.argmax(way.depth_mm))
     return Donning(
-        poses=len(steps),
-        travel_mm=travel,
-        pen_max_mm=max(0.0, worst),
-        stuck_at_mm=at,
-        stuck_place=places(place[None])[0],
+        poses=len(poses),
+        travel_mm=float(travelled[-1]),
+        pen_max_mm=float(way.depth_mm[stuck]),
+        stuck_pose=stuck,
+        stuck_at_mm=float(travelled[stuck]),
+        stuck_place=places(way.places[stuck][None])[0],
         allowed_mm=allowed_mm,
     )
 
@@ -249,8 +259,8 @@ def donning_findings(donning: Donning) -> list[Finding]:
     if donning.donnable:
         return []
     advice = (
-        f"It cannot be put on along a straight way: {donning.stuck_at_mm:.1f} mm before its seat it would "
-        "press this deep. Open the rim there, or use a material that gives."
+        f"It cannot be put on: {donning.stuck_at_mm:.1f} mm before its seat (pose {donning.stuck_pose} of "
+        f"{donning.poses}) it would press this deep. Open it there, or use a material that gives."
     )
     return [
         Finding(

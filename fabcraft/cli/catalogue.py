@@ -1,8 +1,8 @@
 """`fabcraft printers | bodies | templates`: what there is to choose from."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, Parameter
@@ -11,6 +11,9 @@ from fabcraft.cli.console import painted, result, result_json, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
 from fabcraft.cli.make import known_template
 from fabcraft.template.kinds import NAMES
+
+if TYPE_CHECKING:
+    from fabcraft.body.body import Measured
 
 Units = Literal["mm", "cm", "m", "in"]
 
@@ -92,58 +95,72 @@ def list_bodies(*, json: bool = False) -> int:
         Print JSON.
     """
     from fabcraft.body.human import PRESETS, human
-    from fabcraft.body.measures import head_measures
+    from fabcraft.body.measures import measured
 
-    found = {name: head_measures(human(name).part("head")) for name in PRESETS}
+    keys = ("height", "head", "neck", "wrist", "ring_finger", "foot")
+    found = {name: measured(human(name), keys) for name in PRESETS}
     if json:
-        result_json([{"body": name, "measures": _reached(measures)} for name, measures in found.items()])
+        result_json([{"body": name, "measures": _reached(measures, {})} for name, measures in found.items()])
         return 0
-    keys = ("head_circumference", "head_breadth", "head_length", "menton_sellion")
     rows = [("name", *(f"{key.replace('_', ' ')}, mm" for key in keys))]
     rows += [(name, *(f"{measures[key]:.0f}" for key in keys)) for name, measures in found.items()]
-    scans = "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
-    result(f"{_listed(rows)}\n\n{scans}")
+    more = (
+        "One of other measures: fabcraft bodies show woman --measure wrist=160 --measure ring_finger=US7\n"
+        "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
+    )
+    result(f"{_listed(rows)}\n\n{more}")
     return 0
 
 
 @bodies.command(name="show")
 def show_body(
-    body: str, /, *, body_units: Units | None = None, picture: str | None = None, json: bool = False
+    body: str,
+    /,
+    *,
+    measure: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    body_units: Units | None = None,
+    picture: str | None = None,
+    json: bool = False,
 ) -> int:
     """Show a body's measures and landmarks.
 
     Parameters
     ----------
     body
-        man, woman, child, or the file of a head scan.
+        man, woman, teenager, child, toddler, or the file of a head scan.
+    measure
+        What the body measures, again for more: wrist=158 in mm, or a size: ring_finger=US7 (ISO, US, CH, IT,
+        ES), foot=EU42 (or MP265), head=hat58 (or US7.25, UK7.125), hand_folded=IN2-6. Hands and feet have a
+        left and a right side: wrist_left=160.
     body_units
         Unit of the scan; proposed from its size when left out.
     picture
-        Also write a picture of the head with its landmarks (.png).
+        Also write a picture of its parts with landmarks, regions and measured lines (.png).
     json
         Print JSON.
     """
-    from fabcraft.body.measures import head_measures
+    from fabcraft.body.sizes import parse
 
     if picture is not None:
         require_png(picture, [body])
-    from fabcraft.pipeline import find_body
+    from fabcraft.body.measures import folded_hands, measured
+    from fabcraft.wearer import find_body
 
-    whole = find_body(body, body_units or "")
-    person = whole.part("head") if whole.kind == "human" else whole
+    whole = find_body(body, body_units or "", measures=parse(measure))
+    measures = measured(whole) | folded_hands(whole)
     told: dict[str, Any] = {
         "body": whole.name,
         "kind": whole.kind,
         "size_mm": _rounded(whole.mesh.size_mm),
-        "measures": _reached(head_measures(person)),
-        "landmarks": {name: _rounded(point) for name, point in person.landmarks.items()},
-        "regions": sorted(person.regions),
-        "notes": list(person.notes),
+        "measures": _reached(measures, whole.measures),
+        "landmarks": {name: _rounded(point) for name, point in whole.landmarks.items()},
+        "regions": sorted(whole.regions),
+        "notes": list(whole.notes),
     }
     if picture is not None:
-        from fabcraft.write.landmarks import body_picture
+        from fabcraft.write.bodies import body_picture
 
-        told["files"] = written_png(picture, body_picture(person))
+        told["files"] = written_png(picture, body_picture(whole))
     if json:
         result_json(told)
         return 0
@@ -151,15 +168,16 @@ def show_body(
         painted(f"{whole.name}: {' x '.join(f'{side:.0f}' for side in told['size_mm'])} mm", "bold"),
         "",
     ]
-    lines += [
-        table(
-            [(name.replace("_", " "), f"{one['reached']:.0f} mm") for name, one in told["measures"].items()]
-        ),
-        "",
-    ]
+    rows: list[tuple[str, ...]] = [("measure, mm", "asked", "reached")]
+    for name, one in told["measures"].items():
+        asked = (
+            f"{one['asked']:.1f}" + (f" ({one['size']})" if "size" in one else "") if "asked" in one else ""
+        )
+        rows.append((name, asked, f"{one['reached']:.1f}"))
+    lines += [_listed(rows), ""]
     rows = [("landmark, mm", "x", "y", "z")]
     rows += [(name, *(f"{one:.1f}" for one in point)) for name, point in told["landmarks"].items()]
-    lines += [_listed(rows), *(["", *person.notes] if person.notes else []), *wrote(told)]
+    lines += [_listed(rows), *(["", *whole.notes] if whole.notes else []), *wrote(told)]
     result("\n".join(lines))
     return 0
 
@@ -191,15 +209,15 @@ def show_template(
     name
         mask.
     body
-        man, woman, child, or the file of a head scan.
+        man, woman, teenager, child, toddler, or the file of a head scan.
     body_units
         Unit of the scan; proposed from its size when left out.
     json
         Print JSON.
     """
     known_template(name)
-    from fabcraft.pipeline import find_body
     from fabcraft.template.mask import mask
+    from fabcraft.wearer import find_body
 
     template = mask(find_body(body, body_units or ""))
     told = {
@@ -227,8 +245,16 @@ def _listed(rows: Sequence[tuple[str, ...]]) -> str:
     return f"{painted(heading, 'dim')}\n{rest}"
 
 
-def _reached(measures: Any) -> dict[str, dict[str, Any]]:
-    return {name: {"reached": round(value, 1), "unit": "mm"} for name, value in measures.items()}
+def _reached(measures: Mapping[str, float], asked: "Mapping[str, Measured]") -> dict[str, dict[str, Any]]:
+    """The measures as JSON tells them, the asked ones first."""
+    told: dict[str, dict[str, Any]] = {}
+    for name, one in asked.items():
+        told[name] = {"asked": round(one.asked_mm, 2), "reached": round(one.reached_mm, 2), "unit": "mm"}
+        if one.words:
+            told[name]["size"] = one.words
+    for name, value in measures.items():
+        told.setdefault(name, {"reached": round(value, 2), "unit": "mm"})
+    return told
 
 
 def _rounded(values: np.ndarray) -> list[float]:

@@ -66,9 +66,9 @@ def _of_drawing(file: str, body: str, units: str | None, picture: str | None) ->
     from fabcraft.guidance.edges import understand
     from fabcraft.guidance.placement import place
     from fabcraft.guidance.show import picture_of
-    from fabcraft.pipeline import find_body
     from fabcraft.read.image_file import read_image
     from fabcraft.template.mask import mask
+    from fabcraft.wearer import find_body
 
     drawing = understand(read_image(file))
     placed = place(drawing, mask(find_body(body, units or "")))
@@ -93,9 +93,9 @@ def _of_drawing(file: str, body: str, units: str | None, picture: str | None) ->
 def _of_mesh(file: str, body: str, units: str | None) -> dict[str, Any]:
     from fabcraft.guidance.placement import PlacementSettings
     from fabcraft.guidance.target import target_relief
-    from fabcraft.pipeline import find_body
     from fabcraft.read.mesh_file import read_mesh
     from fabcraft.template.mask import mask
+    from fabcraft.wearer import find_body
 
     mesh = read_mesh(file)
     relief, said = target_relief(mesh, mask(find_body(body, units or "")), PlacementSettings())

@@ -40,11 +40,25 @@ class Flags:
     motif_size: float | None = None
     """Longer side of the motif in mm. [default: as large as its place]"""
     body: str | None = None
-    """Who wears it: man, woman, child, a character (fabcraft bodies), or the file of a head scan. [default: man]"""
+    """Who wears it: man, woman, teenager, child, toddler, a character (fabcraft bodies), or the file of a scan.
+    [default: man]"""
     height: float | None = None
     """Height of a character in mm. [default: its own, a desk toy's]"""
+    contacts: str | None = None
+    """File of contacts, where it shall rest or keep away besides the template's own: .toml or .json."""
+    measure: Annotated[tuple[str, ...], Parameter(show_default=False, negative=())] = ()
+    """What the wearer measures, again for more: wrist=158 in mm, or a size: ring_finger=US7, foot=EU42,
+    head=hat58."""
     body_units: Units | None = None
     """Unit of the scan; proposed from its size when left out."""
+    body_kind: str | None = None
+    """What the scan shows: head, hand, foot or body. [default: found]"""
+    body_up: str | None = None
+    """Axis of the scan's file that points up: x, y, z, -x, -y or -z. [default: found]"""
+    body_front: str | None = None
+    """Axis of the scan's file that the face, toes or fingers point along. [default: found]"""
+    body_landmarks: str | None = None
+    """File of the scan's landmarks, name to x, y, z: JSON, TOML or CSV."""
     printer: str | None = None
     """Printer profile: a name from `fabcraft printers`, or a TOML file. [default: prusa-mk4]"""
     output: Annotated[
@@ -56,6 +70,8 @@ class Flags:
     """How patiently to fit and how finely to build. [default: standard]"""
     seed: int | None = None
     """Of everything random. [default: 0]"""
+    device: Literal["cpu", "cuda", "auto"] | None = None
+    """Where the fit is computed. [default: on a graphics card, if there is one, where that is faster]"""
     wall: float | None = None
     """Wall thickness in mm. [default: the template's, or the printer's if that is more]"""
     title: str | None = None
@@ -109,6 +125,7 @@ def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: b
 
       fabcraft make mask --sketch cat.png --body woman -o cat.3mf
       fabcraft make mask --sketch cat.png --preset draft -o cat.3mf -o cat.stl
+      fabcraft make mask --sketch cat.png --body woman --measure head=hat57 -o cat.3mf
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
       fabcraft make cat.toml --wall 3
 
@@ -156,6 +173,7 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
             raise InputError(
                 f"--{key.replace('_', '-')} {value} is not a finite number", "Give a number such as 1.5."
             )
+    from fabcraft.body.sizes import parse
     from fabcraft.recipe import Recipe, read_recipe
 
     recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
@@ -170,6 +188,8 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
         table, key = _PLACES.get(flag, ("", flag))
         tables.setdefault(table, {})[key] = value
     changes = tables.pop("", {})
+    if "measure" in changes:
+        changes["measures"] = {**recipe.measures, **parse(changes.pop("measure"))}
     changes |= {table: replace(getattr(recipe, table), **values) for table, values in tables.items()}
     return replace(recipe, **changes)
 

@@ -119,7 +119,7 @@ class MovingDistance:
         self, points: Float[Tensor, "N 3"], keep_mm: Float64[np.ndarray, " N"]
     ) -> Float[Tensor, " N"]:
         """Signed distances in the optimiser's frame, of points in it; exact near `keep_mm` and below."""
-        now = self._frame.outside(points.detach().double().numpy())
+        now = self._frame.outside(points.detach().double().cpu().numpy())
         if len(now) != len(self._where):
             self._where = now.copy()
             self._signed, self._gradient = self._distance.signed_with_gradient(now)
@@ -129,22 +129,26 @@ class MovingDistance:
             self._where[stale] = now[stale]
             self._signed[stale], self._gradient[stale] = self._distance.signed_with_gradient(now[stale])
         scale = self._frame.scale
-        kept = torch.from_numpy(self._frame.inside(self._where)).to(points.dtype)
-        ahead = ((points - kept) * torch.from_numpy(self._gradient.copy()).to(points.dtype)).sum(1)
-        return torch.from_numpy(self._signed * scale).to(points.dtype) + ahead
+        kept = torch.from_numpy(self._frame.inside(self._where)).to(points)
+        ahead = ((points - kept) * torch.from_numpy(self._gradient.copy()).to(points)).sum(1)
+        return torch.from_numpy(self._signed * scale).to(points) + ahead
 
 
 def penetration_term(
-    distance: SurfaceDistance, rest: Mesh, clearance_mm: Float64[np.ndarray, " V"], frame: Frame
+    distance: SurfaceDistance,
+    rest: Mesh,
+    clearance_mm: Float64[np.ndarray, " V"],
+    frame: Frame,
+    device: torch.device | str = "cpu",
 ) -> Callable[[State], Tensor]:
     """The hinge on the clearance, per vertex of `rest`, over its vertices and face centres, weighted by rest area."""
     moving = MovingDistance(distance, frame)
-    faces = torch.from_numpy(rest.faces.astype(np.int64))
+    faces = torch.from_numpy(rest.faces.astype(np.int64)).to(device)
     areas = rest.face_areas
     owned = np.bincount(rest.faces.ravel(), np.repeat(areas / 3.0, 3), minlength=len(rest.vertices))
-    weights = torch.from_numpy(np.concatenate([owned, areas]) * frame.scale**2).float()
+    weights = torch.from_numpy(np.concatenate([owned, areas]) * frame.scale**2).float().to(device)
     keep_mm = np.concatenate([clearance_mm, clearance_mm[rest.faces].mean(1)])
-    keep = torch.from_numpy(keep_mm * frame.scale).float()
+    keep = torch.from_numpy(keep_mm * frame.scale).float().to(device)
 
     def penetration(state: State) -> Tensor:
         points = torch.cat([state.positions, state.positions[faces].mean(1)])
@@ -154,22 +158,26 @@ def penetration_term(
 
 
 def contact_term(
-    contacts: ContactSet, faces: Int[np.ndarray, "F 3"], frame: Frame
+    contacts: ContactSet,
+    faces: Int[np.ndarray, "F 3"],
+    frame: Frame,
+    device: torch.device | str = "cpu",
 ) -> Callable[[State], Tensor]:
     """Weighted mean of the squared distance, linear beyond 5 mm, of every contact's target to its place of the object."""
     targets = torch.from_numpy(frame.inside(contacts.targets_mm)).float()
-    weights = torch.from_numpy(contacts.weights / contacts.weights.sum()).float()
-    knee = HUBER_MM * frame.scale
     wanted = targets.double().numpy()
+    targets = targets.to(device)
+    weights = torch.from_numpy(contacts.weights / contacts.weights.sum()).float().to(device)
+    knee = HUBER_MM * frame.scale
     index = np.ascontiguousarray(faces, dtype=np.int64)
 
     def contact(state: State) -> Tensor:
         if contacts.faces is None or contacts.places is None:
-            owner, places = _nearest_places(wanted, state.positions.detach().double().numpy(), index)
+            owner, places = _nearest_places(wanted, state.positions.detach().double().cpu().numpy(), index)
         else:
             owner, places = contacts.faces, contacts.places
-        corners = state.positions[torch.from_numpy(index[owner])]
-        held = (torch.from_numpy(places).to(corners.dtype)[:, :, None] * corners).sum(1)
+        corners = state.positions[torch.from_numpy(index[owner]).to(device)]
+        held = (torch.from_numpy(places).to(corners)[:, :, None] * corners).sum(1)
         return (weights * huber(((held - targets) ** 2).sum(1), knee)).sum()
 
     return contact

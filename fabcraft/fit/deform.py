@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
@@ -23,6 +24,7 @@ from fabcraft.fit.remesh import carried, refine
 from fabcraft.fit.settle import clear, settle_rigidly
 from fabcraft.fit.shape_terms import lock_weights, shape_terms
 from fabcraft.fit.views import Guide, ViewBank, guidance_chunks, prepare
+from fabcraft.geometry.device import device_of
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.frame import Frame
 from fabcraft.geometry.operators import edge_faces
@@ -85,6 +87,7 @@ class _Scene:
     bank: ViewBank
     mirror: Mirror | None
     settings: DeformSettings
+    device: torch.device
 
 
 def deform(
@@ -104,13 +107,17 @@ def deform(
         `ViewBank.around(rest, settings)`. One that compares with the rest shape (`prepare`) is shown it here.
     locked : faces that keep their shape, one flag each.
     Raises `InputError` for a mesh that has no deformation: unused vertices, faces without area, and for flags that do not
-    match the faces. Ctrl-C keeps the best so far, settles and measures it.
+    match the faces; `MissingError` for a CUDA device that is not there. Ctrl-C keeps the best so far, settles and
+    measures it.
     """
     chosen = settings or PRESETS["standard"]
-    scene = _Scene(Frame.of(rest), body, tuple(guidance), ViewBank.around(rest, chosen), mirror, chosen)
+    device = device_of(chosen.device)
+    scene = _Scene(
+        Frame.of(rest), body, tuple(guidance), ViewBank.around(rest, chosen), mirror, chosen, device
+    )
     now = _Object(rest, rest.vertices, _lock(rest, locked, chosen), contacts)
     if chosen.steps:
-        prepare(scene.guidance, scene.bank, rest)
+        prepare(scene.guidance, scene.bank, rest, device)
     now, history, stopped, remeshed = _descended(now, scene, watch)
     settled, moved_mm, pushed_mm = _settled(now.mesh, scene)
     measured = asdict(seat(settled, body, contacts))
@@ -141,7 +148,7 @@ def _descended(
     settings = scene.settings
     history: dict[str, list[float]] = {}
     done, remeshed, stopped, edge_mm = 0, 0, Stop.STEPS, _median_edge(now.mesh)
-    system, variables = _system(now, scene), Variables.rest(len(now.mesh.faces), 3)
+    system, variables = _system(now, scene), Variables.rest(len(now.mesh.faces), 3, scene.device)
     descending = _stage(system, now, scene)
     positions = now.mesh.vertices
     for steps in _stages(settings):
@@ -156,7 +163,7 @@ def _descended(
             moved = now.mesh.with_vertices(outcome.positions)
             now, before, remeshed = refined, system, remeshed + 1
             system = _system(now, scene)
-            variables = Variables.rest(len(now.mesh.faces), 3)
+            variables = Variables.rest(len(now.mesh.faces), 3, scene.device)
             if settings.carry_moments:
                 variables = carried(outcome.variables, before, moved, system)
             descending, positions = _stage(system, now, scene), now.mesh.vertices
@@ -190,18 +197,18 @@ def _stage(
 ) -> Callable[[Variables, int, int, Watch | None], Descended]:
     """One stage as a function of where it starts, the steps done before, its own, and who watches."""
     settings, frame, mesh = scene.settings, scene.frame, now.mesh
-    terms = shape_terms(system, settings.weights, now.lock, frame.inside(now.origin))
+    terms = shape_terms(system, settings.weights, now.lock, frame.inside(now.origin), scene.device)
     terms += _body_terms(now, scene)
     ways = Ways(
         chunks=guidance_chunks(scene.guidance, scene.bank, mesh.faces, settings) if scene.guidance else None,
         pace=settings.pace,
-        admit=symmetric(scene.mirror, system, frame) if scene.mirror is not None else None,
+        admit=symmetric(scene.mirror, system, frame, scene.device) if scene.mirror is not None else None,
     )
 
     def descending(start: Variables, done: int, steps: int, watch: Watch | None) -> Descended:
         def seen(step: int, values: dict[str, float], positions: Tensor) -> None:
             if watch is not None:
-                watch(step, values, mesh.with_vertices(frame.outside(positions.double().numpy())))
+                watch(step, values, mesh.with_vertices(frame.outside(positions.double().cpu().numpy())))
 
         rates = (settings.learning_rate, settings.translation_rate, settings.final_share)
         memory = (0.9, settings.square_memory)
@@ -216,12 +223,11 @@ def _body_terms(now: _Object, scene: _Scene) -> list[Term]:
     weights, terms = scene.settings.weights, []
     if scene.body is not None and weights.penetration > 0.0:
         clearance = np.full(len(now.mesh.vertices), scene.settings.clearance_mm)
-        function = penetration_term(scene.body, now.mesh, clearance, scene.frame)
+        function = penetration_term(scene.body, now.mesh, clearance, scene.frame, scene.device)
         terms.append(Term("penetration", weights.penetration, function))
     if now.contacts is not None and weights.contact > 0.0:
-        terms.append(
-            Term("contact", weights.contact, contact_term(now.contacts, now.mesh.faces, scene.frame))
-        )
+        function = contact_term(now.contacts, now.mesh.faces, scene.frame, scene.device)
+        terms.append(Term("contact", weights.contact, function))
     return terms
 
 

@@ -11,7 +11,7 @@ and then goes once through the Poisson solve, so that memory does not grow with 
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -89,9 +89,11 @@ class Variables:
     step: int = 0
 
     @staticmethod
-    def rest(faces: int, dimension: int) -> "Variables":
-        """The rest mesh, where it is."""
-        return Variables(torch.zeros(faces, dimension, 2), torch.zeros(dimension))
+    def rest(faces: int, dimension: int, device: torch.device | str = "cpu") -> "Variables":
+        """The rest mesh, where it is; a run goes on on the device of its variables."""
+        return Variables(
+            torch.zeros(faces, dimension, 2, device=device), torch.zeros(dimension, device=device)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +107,11 @@ class Descended:
     stopped: Stop
 
 
-def rest_restriction(system: PoissonSystem, dimension: int) -> Float[Tensor, "F D 2"]:
+def rest_restriction(
+    system: PoissonSystem, dimension: int, device: torch.device | str = "cpu"
+) -> Float[Tensor, "F D 2"]:
     """W itself: the restriction of the map that does nothing."""
-    return torch.from_numpy(np.ascontiguousarray(system.frames[:, :dimension, :])).float()
+    return torch.from_numpy(np.ascontiguousarray(system.frames[:, :dimension, :])).float().to(device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +171,7 @@ class _Run:
         self, system: PoissonSystem, terms: Sequence[Term], descent: Descent, start: Variables, ways: Ways
     ) -> None:
         self.system, self.terms, self.descent, self.start, self.ways = system, terms, descent, start, ways
-        self.base = rest_restriction(system, len(start.translation))
+        self.base = rest_restriction(system, len(start.translation), start.offset.device)
         self.offset = start.offset.clone().requires_grad_(True)
         self.translation = start.translation.clone().requires_grad_(True)
         self.optimiser = torch.optim.Adam(
@@ -218,16 +222,18 @@ class _Run:
         state = State(self.system, positions, restricted, step)
         values = {term.name: term.weight * term.function(state) for term in self.terms}
         roots = [pace(name, step) * value for name, value in values.items()]
-        judged = sum(float(value.detach()) for value in values.values())
-        numbers = {name: float(root.detach()) for name, root in zip(values, roots, strict=True)}
+        plain = _numbers(values.values())
+        judged = sum(plain)
+        numbers = {name: pace(name, step) * number for name, number in zip(values, plain, strict=True)}
         leaf = positions.detach()
         if self.ways.chunks is not None:
             leaf.requires_grad_(True)
             for chunk in self.ways.chunks(State(self.system, leaf, restricted.detach(), step)):
                 parts = [pace(name, step) * value for name, value in chunk.items()]
-                judged += sum(float(value.detach()) for value in chunk.values())
-                for name, part in zip(chunk, parts, strict=True):
-                    numbers[name] = numbers.get(name, 0.0) + float(part.detach())
+                plain = _numbers(chunk.values())
+                judged += sum(plain)
+                for name, number in zip(chunk, plain, strict=True):
+                    numbers[name] = numbers.get(name, 0.0) + pace(name, step) * number
                 summed = torch.stack(parts).sum() if parts else leaf.new_zeros(())
                 if summed.requires_grad:
                     summed.backward()
@@ -262,7 +268,13 @@ class _Run:
         if stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE) and self.best_positions is not None:
             positions = self.best_positions
         variables = _variables(self.optimiser, self.offset, self.translation, self.start)
-        return Descended(positions.detach().double().numpy(), variables, self.history, stopped)
+        return Descended(positions.detach().double().cpu().numpy(), variables, self.history, stopped)
+
+
+def _numbers(values: Iterable[Tensor]) -> list[float]:
+    """0-d tensors as numbers, fetched from their device together."""
+    found = [value.detach() for value in values]
+    return torch.stack(found).tolist() if found else []
 
 
 def _finite(gradient: Tensor | None) -> bool:

@@ -1,5 +1,9 @@
-"""Same input, same bytes: torch adds up gradients of indexed values in the order of its threads unless told not to."""
+"""Same input, same bytes: torch adds up gradients of indexed values in the order of its threads unless told not to.
 
+On a graphics card so does cuBLAS, unless its workspace is fixed before it is first used.
+"""
+
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -9,6 +13,7 @@ import torch
 @contextmanager
 def same_every_time() -> Iterator[None]:
     """Deterministic algorithms inside the block (also as a decorator); the user's own choice is restored after it."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     before = torch.are_deterministic_algorithms_enabled()
     torch.use_deterministic_algorithms(True)
     try:

@@ -117,12 +117,14 @@ def fit_flat(
     pixels: int,
     weights: FlatWeights | None = None,
     watch: Callable[[PlaneMesh, int], None] | None = None,
+    device: torch.device | str = "cpu",
 ) -> FlatFit:
     """Deform `start` (x, z in mm) until its rims are `targets`; a quarter of the steps between remeshings."""
     weights = weights or FlatWeights()
     frame = 0.5 * (start.points.min(0) + start.points.max(0)), 2.0 / float(np.ptp(start.points, axis=0).max())
     dense = [resample(target, 0.5 * edge_mm) for target in targets]
-    camera, wanted = _silhouette_target(start, targets, pixels)
+    camera, coverage = _silhouette_target(start, targets, pixels)
+    wanted = coverage.to(device)
     sheet, remeshed, stopped = start, 0, Stop.STEPS
     history: dict[str, list[float]] = {}
     each = -(-steps // ROUNDS)
@@ -134,7 +136,7 @@ def fit_flat(
             rate = RATE * (1.0 - index / ROUNDS) + 4e-3
             descent = Descent(each, rate, 0.5 * rate, final_share=0.5, betas=(0.9, 0.98))
             seen = _watcher(watch, sheet, frame, index * each)
-            outcome = descend(system, terms, descent, Variables.rest(len(sheet.faces), 2), seen)
+            outcome = descend(system, terms, descent, Variables.rest(len(sheet.faces), 2, device), seen)
             for name, values in outcome.history.items():
                 history.setdefault(name, []).extend(values)
             sheet = PlaneMesh(outcome.positions / frame[1] + frame[0], sheet.faces, sheet.loops)
@@ -161,7 +163,7 @@ def _watcher(
 
     def seen(step: int, values: dict[str, float], positions: Tensor) -> None:
         if step % 10 == 9:
-            points = positions.double().numpy() / frame[1] + frame[0]
+            points = positions.double().cpu().numpy() / frame[1] + frame[0]
             watch(PlaneMesh(points, sheet.faces, sheet.loops), before + step + 1)
 
     return seen
@@ -191,20 +193,21 @@ def _terms(
     wanted: Tensor,
     weights: FlatWeights,
 ) -> list[Term]:
-    middle, scale = frame
-    areas = torch.from_numpy(system.areas).float()
-    frames = torch.from_numpy(np.ascontiguousarray(system.frames[:, :2, :])).float()
+    (middle, scale), device = frame, wanted.device
+    areas = torch.from_numpy(system.areas).float().to(device)
+    frames = torch.from_numpy(np.ascontiguousarray(system.frames[:, :2, :])).float().to(device)
+    origin = torch.from_numpy(middle).float().to(device)
     _, pairs = edge_faces(sheet.faces)
-    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0])
+    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0]).to(device)
     topology = Topology.of(sheet.faces)
-    loops = [torch.from_numpy(loop.astype(np.int64)) for loop in sheet.loops]
+    loops = [torch.from_numpy(loop.astype(np.int64)).to(device) for loop in sheet.loops]
     matched: dict[str, list[Tensor]] = {}
 
     def contour(state: State) -> Tensor:
         if state.step % 10 == 0:
-            now = state.positions.detach().double().numpy() / scale + middle
+            now = state.positions.detach().double().cpu().numpy() / scale + middle
             matched["targets"] = [
-                torch.from_numpy((match(now[loop], goal) - middle) * scale).float()
+                torch.from_numpy((match(now[loop], goal) - middle) * scale).float().to(device)
                 for loop, goal in zip(sheet.loops, dense, strict=True)
             ]
         parts = [
@@ -214,7 +217,7 @@ def _terms(
         return torch.stack(parts).sum()
 
     def silhouette(state: State) -> Tensor:
-        flat = state.positions / scale + torch.from_numpy(middle).float()
+        flat = state.positions / scale + origin
         vertices = torch.stack([flat[:, 0], torch.zeros_like(flat[:, 0]), flat[:, 1]], 1)
         image = render(vertices, topology, [camera], outputs=("mask",)).of("mask")[0]
         return image_loss(image, wanted) * (wanted.numel() / wanted.sum())

@@ -18,6 +18,7 @@ from torch import Tensor
 from fabcraft.fit.body_field import BodyField
 from fabcraft.fit.camera import front
 from fabcraft.fit.descend import Descended, Descent, State, Variables, descend
+from fabcraft.fit.gather import Places
 from fabcraft.fit.losses import (
     Term,
     chamfer_loss,
@@ -85,23 +86,24 @@ def fit_lifted(
     pixels: int,
     weights: LiftWeights | None = None,
     watch: Callable[[int, dict[str, float], Mesh], None] | None = None,
+    device: torch.device | str = "cpu",
 ) -> tuple[Mesh, Descended]:
     """Deform `sheet` (mm, faces to the viewer) towards the relief; returns it, and the run."""
     weights = weights or LiftWeights()
     lower, upper = sheet.bounds
     scale, centre = 2.0 / float((upper - lower).max()), 0.5 * (lower + upper)
     system = PoissonSystem.of((sheet.vertices - centre) * scale, sheet.faces)
-    terms = _terms(system, sheet, rims, targets, pixels, weights, scale, centre)
+    terms = _terms(system, sheet, rims, targets, pixels, weights, scale, centre, device)
 
     def seen(step: int, values: dict[str, float], positions: Tensor) -> None:
         if watch is not None:
-            watch(step, values, sheet.with_vertices(positions.double().numpy() / scale + centre))
+            watch(step, values, sheet.with_vertices(positions.double().cpu().numpy() / scale + centre))
 
     outcome = descend(
         system,
         terms,
         Descent(steps, 1.2e-2, 4e-3, final_share=0.08),
-        Variables.rest(len(sheet.faces), 3),
+        Variables.rest(len(sheet.faces), 3, device),
         seen,
     )
     return sheet.with_vertices(outcome.positions / scale + centre), outcome
@@ -116,32 +118,34 @@ def _terms(
     weights: LiftWeights,
     scale: float,
     centre: Float64[np.ndarray, "3"],
+    device: torch.device | str,
 ) -> list[Term]:
-    areas = torch.from_numpy(system.areas).float()
-    frames = torch.from_numpy(system.frames).float()
-    origin = torch.from_numpy(centre).float()
-    faces = torch.from_numpy(sheet.faces.astype(np.int64))
+    areas, frames, origin = (
+        torch.from_numpy(array).float().to(device) for array in (system.areas, system.frames, centre)
+    )
+    faces = torch.from_numpy(sheet.faces.astype(np.int64)).to(device)
     _, pairs = edge_faces(sheet.faces)
-    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0])
-    loops = tuple(torch.from_numpy(rim.astype(np.int64)) for rim in rims)
+    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0]).to(device)
+    loops = tuple(torch.from_numpy(rim.astype(np.int64)).to(device) for rim in rims)
     every_rim = torch.cat(loops)
-    laid = torch.from_numpy((sheet.vertices - centre) * scale).float()[every_rim][:, [0, 2]]
+    laid = torch.from_numpy((sheet.vertices - centre) * scale).float().to(device)[every_rim][:, [0, 2]]
 
     def millimetres(state: State) -> Tensor:
         return state.positions / scale + origin
 
-    images = _image_terms(sheet, targets.relief, pixels, weights, scale, millimetres)
+    images = _image_terms(sheet, targets.relief, pixels, weights, scale, millimetres, device)
     body = _body_terms(sheet, targets, weights, areas, faces, scale, millimetres)
     relief = targets.relief.mesh(edge_mm=3.0)
     goal = torch.from_numpy((relief.vertices - centre) * scale).float()
-    tree = cKDTree(goal.numpy())
+    goals, goal = goal.numpy(), goal.to(device)
+    tree = cKDTree(goals)
     matched: dict[str, Tensor] = {}
 
     def chamfer(state: State) -> Tensor:
         if state.step % 10 == 0:
-            now = state.positions.detach().numpy()
-            matched["goal"] = torch.from_numpy(tree.query(now)[1])
-            matched["mine"] = torch.from_numpy(cKDTree(now).query(goal.numpy())[1])
+            now = state.positions.detach().cpu().numpy()
+            matched["goal"] = torch.from_numpy(tree.query(now)[1]).to(device)
+            matched["mine"] = torch.from_numpy(cKDTree(now).query(goals)[1]).to(device)
         return chamfer_loss(state.positions, goal, matched["goal"], matched["mine"])
 
     def smoothness(state: State) -> Tensor:
@@ -170,6 +174,7 @@ def _image_terms(
     weights: LiftWeights,
     scale: float,
     millimetres: Callable[[State], Tensor],
+    device: torch.device | str,
 ) -> list[Term]:
     """Depth, normal and silhouette of one front view; rendered once a step, shared by the three."""
     plane = Plane.around(sheet.vertices[:, [0, 2]], float(sheet.size_mm.max()) / pixels, 4.0)
@@ -180,10 +185,10 @@ def _image_terms(
     # the surface is (x, -h(x, z), z); its normal towards the viewer is (-h_x, -1, -h_z), and rows run down
     normals = np.stack([-across, -np.ones_like(height), down], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    wanted_depth, wanted_normal = torch.from_numpy(-height).float(), torch.from_numpy(normals).float()
+    wanted_depth, wanted_normal = (torch.from_numpy(array).float().to(device) for array in (-height, normals))
     # the flat stage laid the outline: keeping it is the silhouette's whole target here
     with torch.no_grad():
-        start = torch.from_numpy(sheet.vertices.copy()).float()
+        start = torch.from_numpy(sheet.vertices.copy()).float().to(device)
         wanted_mask = render(start, topology, camera, outputs=("mask",)).of("mask")[0]
     share = wanted_mask.numel() / wanted_mask.sum()
     shared: dict[str, Any] = {}
@@ -233,16 +238,15 @@ def _body_terms(
     box = np.concatenate(
         [sheet.vertices, np.column_stack([sheet.vertices[:, 0], -heights, sheet.vertices[:, 2]])]
     )
-    field = BodyField.around(targets.distance, box.min(0) - 6.0, box.max(0) + 6.0, cell_mm=4.0)
+    device = faces.device
+    field = BodyField.around(targets.distance, box.min(0) - 6.0, box.max(0) + 6.0, cell_mm=4.0, device=device)
     half = 0.5 * template.wall_mm
-    wanted = torch.from_numpy(
-        template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half
-    ).float()
-    vertex_areas = torch.zeros(len(sheet.vertices)).index_add(
-        0, faces.reshape(-1), areas.repeat_interleave(3) / 3.0
-    )
+    keep_mm = template.front.at(template.front.clearance, sheet.vertices[:, [0, 2]]) + half
+    wanted = torch.from_numpy(keep_mm).float().to(device)
+    corner_areas = areas.repeat_interleave(3)[:, None] / 3.0
+    vertex_areas = Places.of(faces.reshape(-1), len(sheet.vertices)).added(corner_areas)[:, 0]
     rest_weight = template.front.at(template.front.contact, sheet.vertices[:, [0, 2]])
-    resting = torch.from_numpy(np.flatnonzero(rest_weight > 0.5))
+    resting = torch.from_numpy(np.flatnonzero(rest_weight > 0.5)).to(device)
     both_areas = torch.cat([vertex_areas, areas])
     both_wanted = torch.cat([wanted, wanted[faces].mean(1)]) * scale
 

@@ -29,7 +29,7 @@ class Mirror:
 
 
 def symmetric(
-    mirror: Mirror, system: PoissonSystem, frame: Frame
+    mirror: Mirror, system: PoissonSystem, frame: Frame, device: torch.device | str = "cpu"
 ) -> Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]:
     """What of offset and translation is symmetric, as `Ways.admit` wants it.
 
@@ -48,11 +48,10 @@ def symmetric(
             "Give another plane, or none.",
         )
     bend = np.einsum("fdk,de,fel->fkl", system.frames[image], reflection, system.frames)
-    across, turned = torch.from_numpy(reflection).float(), torch.from_numpy(bend).float()
-    index, along = (
-        torch.from_numpy(image.astype(np.int64)),
-        torch.from_numpy(np.outer(normal, normal)).float(),
+    across, turned, along = (
+        torch.from_numpy(matrix).float().to(device) for matrix in (reflection, bend, np.outer(normal, normal))
     )
+    index = torch.from_numpy(image.astype(np.int64)).to(device)
 
     def admit(offset: Tensor, translation: Tensor) -> tuple[Tensor, Tensor]:
         mirrored = torch.einsum("de,fek,fkl->fdl", across, offset[index], turned)

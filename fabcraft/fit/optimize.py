@@ -6,6 +6,7 @@ out; inside, one similarity (template's box centre, longest side = 2) for templa
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
@@ -17,6 +18,7 @@ from fabcraft.fit.direct import direct
 from fabcraft.fit.flat import FlatWeights, fit_flat, rim_targets
 from fabcraft.fit.lift import LiftTargets, LiftWeights, fit_lifted
 from fabcraft.fit.settle import push_out
+from fabcraft.geometry.device import device_of
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.triangulate import PlaneMesh
@@ -42,6 +44,8 @@ class FitSettings:
     """Longer side of the rendered front view."""
     seed: int = 0
     """Of everything random; the mask's fit draws nothing at random, so its result does not depend on it."""
+    device: Literal["cpu", "cuda", "auto"] = "cpu"
+    """Where to compute; auto is a CUDA graphics card where there is one."""
     flat: FlatWeights = field(default_factory=FlatWeights)
     lifted: LiftWeights = field(default_factory=LiftWeights)
 
@@ -107,9 +111,11 @@ def fit(
     """Deform the template towards the relief while it keeps fitting the body.
 
     distance : to the template's body, if the caller already has it.
-    Raises `InputError` when the relief leaves no sheet of the wanted topology.
+    Raises `InputError` when the relief leaves no sheet of the wanted topology, and `MissingError` for a CUDA device that
+    is not there.
     """
     settings = settings or PRESETS["standard"]
+    device = device_of(settings.device)
     distance = distance or SurfaceDistance(template.body.mesh)
     plane = Plane.around(relief.outline, 0.25, 5.0)
     solid = solid_mask(relief.outline, relief.openings, plane)
@@ -132,7 +138,7 @@ def fit(
 
     start = PlaneMesh(template.mesh.vertices[:, [0, 2]].copy(), template.mesh.faces, template.rims)
     flat = fit_flat(
-        start, rims, template.edge_mm, settings.flat_steps, settings.pixels, settings.flat, flat_watch
+        start, rims, template.edge_mm, settings.flat_steps, settings.pixels, settings.flat, flat_watch, device
     )
     stages.append(("outline", raised(flat.sheet, template.front.base_at)))
     # a relief that stands off the template as a whole is met half-way: only its shape is left to the Jacobians
@@ -157,6 +163,7 @@ def fit(
                 settings.pixels,
                 settings.lifted,
                 lifted_watch,
+                device,
             )
             stopped, lifted = outcome.stopped, outcome.history
         except KeyboardInterrupt:  # while the stage is set up: the fitted outline is the best so far

@@ -66,6 +66,8 @@ class DeformSettings:
     """Cameras in pairs of neighbours at most 15 degrees apart, for guidance that compares views."""
     seed: int = 0
     """Of everything random."""
+    device: Literal["cpu", "cuda", "auto"] = "auto"
+    """Where to compute; auto is a CUDA graphics card where there is one."""
     clearance_mm: float = 0.2
     """Least distance of the object's surface to the skin."""
     weights: DeformWeights = field(default_factory=DeformWeights)

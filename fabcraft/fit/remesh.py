@@ -76,15 +76,16 @@ def carried(variables: Variables, old: PoissonSystem, now: Mesh, new: PoissonSys
 
     now : the old faces where they are now, in the optimiser's frame.
     """
-    rest = Variables.rest(len(new.faces), 3)
+    device = variables.offset.device
+    rest = Variables.rest(len(new.faces), 3, device)
     if variables.moments is None:
         return rest
     centres = new.rest[new.faces].mean(1)
     parent = SurfaceDistance(now).closest(centres).faces
     bend = np.einsum("fdk,fdl->fkl", new.frames, old.restricted(now.vertices)[parent])
     share = np.minimum(new.areas / np.maximum(now.face_areas[parent], 1e-300), 1.0)
-    ahead = torch.from_numpy(bend * share[:, None, None]).float()
-    index = torch.from_numpy(parent)
+    ahead = torch.from_numpy(bend * share[:, None, None]).float().to(device)
+    index = torch.from_numpy(parent).to(device)
     first, second, *translation = variables.moments
     moments = (
         torch.einsum("fdk,flk->fdl", first[index], ahead),

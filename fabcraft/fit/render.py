@@ -1,4 +1,7 @@
-"""`render`: pictures of a triangle mesh on the CPU, differentiable by its vertices, rims included.
+"""`render`: pictures of a triangle mesh, differentiable by its vertices, rims included.
+
+Vertices on a graphics card are drawn there, in torch operations (`fabcraft.fit.render_torch`); all others on the CPU, by
+the kernels of `fabcraft.fit.shading` and `fabcraft.fit.silhouette`. Both make the same pictures and derivatives.
 
 Mask, depth, normal and shade are box-filtered over black: at a rim, what is seen is weighted by how much of
 the pixel it covers (dividing by the mask undoes that against the background). Every output has a derivative
@@ -7,8 +10,8 @@ inside through the fragments of `fabcraft.fit.shading`. Border edges of open she
 sides of a face are seen. There is no derivative for what is hidden, nor for a line along which two surfaces
 cut through each other.
 
-Same input, same bytes: pixels belong to bands of rows, and sums over bands are taken in a fixed order, for
-any number of threads. Set OMP_WAIT_POLICY=PASSIVE before torch is imported (the command line does): the
+Same input on the same device, same bytes: pixels belong to bands of rows, and sums over bands are taken in a fixed order,
+for any number of threads. Set OMP_WAIT_POLICY=PASSIVE before torch is imported (the command line does): the
 kernels and torch each keep threads, and where these wait by spinning on a busy machine a step takes several
 times as long.
 """
@@ -25,7 +28,8 @@ from torch import Tensor
 from fabcraft.errors import InputError
 from fabcraft.fit import shading, silhouette
 from fabcraft.fit.camera import NEAR, Camera, Cameras, stack
-from fabcraft.fit.silhouette import Topology
+from fabcraft.fit.render_torch import Look, draw
+from fabcraft.fit.topology import Topology
 from fabcraft.geometry.raster import bands_for, zbuffer
 
 OUTPUTS = ("mask", "depth", "normal", "shaded")
@@ -65,7 +69,7 @@ def render(
     light: tuple[float, float, float] = LIGHT,
     ambient: float = 0.25,
 ) -> Images:
-    """Pictures of a mesh from K cameras, in the dtype and on the device of `vertices` (computed on the CPU).
+    """Pictures of a mesh from K cameras, in the dtype and on the device of `vertices`.
 
     vertices : (V, 3), mm; the derivative goes there.
     faces : `Topology.of(faces)`, made once for a connectivity; plain (F, 3) indices cost a sort a call.
@@ -84,7 +88,13 @@ def render(
         else stack([cameras] if isinstance(cameras, Camera) else cameras)
     )
     direction = np.array(light) / np.linalg.norm(light)
-    scene = _Scene(topology, views, direction @ views.views[:, :3, :3], float(ambient), tuple(outputs))
+    lights = direction @ views.views[:, :3, :3]
+    if vertices.is_cuda:
+        towards = torch.from_numpy(lights).to(vertices.device)
+        look = Look(towards, float(ambient), views.orthographic, tuple(outputs))
+        ids, drawn = draw(vertices, topology, views, look)
+        return Images(ids, **drawn)
+    scene = _Scene(topology, views, lights, float(ambient), tuple(outputs))
     face_id, *pictures = _Render.apply(vertices.to("cpu"), scene)
     made = dict(zip(OUTPUTS, pictures, strict=True))
     return Images(face_id.to(vertices.device), **{name: made[name].to(vertices) for name in outputs})

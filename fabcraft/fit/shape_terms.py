@@ -21,21 +21,22 @@ def shape_terms(
     weights: DeformWeights,
     lock: Float64[np.ndarray, " F"],
     origin: Float64[np.ndarray, "V 3"],
+    device: torch.device | str = "cpu",
 ) -> list[Term]:
     """Terms on a rest mesh in the optimiser's frame.
 
     lock : how much every face is to stay as it is, 0..1.
     origin : where the vertices were before anything was deformed; the locked faces go back to that shape.
     """
-    base = rest_restriction(system, 3)
-    areas = torch.from_numpy(system.areas).float()
-    index = torch.from_numpy(system.faces.astype(np.int64))
+    base = rest_restriction(system, 3, device)
+    areas = torch.from_numpy(system.areas).float().to(device)
+    index = torch.from_numpy(system.faces.astype(np.int64)).to(device)
     edges, pairs = edge_faces(system.faces)
-    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0])
+    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0]).to(device)
     terms = [
         Term("jacobian", weights.jacobian, lambda state: jacobian_loss(state.restricted, base, areas)),
         Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
-        Term("edge", weights.edge, _edge_term(system, edges)),
+        Term("edge", weights.edge, _edge_term(system, edges, device)),
     ]
     if len(inner):
         terms.append(
@@ -43,14 +44,14 @@ def shape_terms(
                 "normal", weights.normal, lambda state: normal_consistency_loss(state.positions, index, inner)
             )
         )
-        frames = torch.from_numpy(system.frames).float()
+        frames = torch.from_numpy(system.frames).float().to(device)
 
         def smoothness(state: State) -> Tensor:
             return smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner)
 
         terms.append(Term("smoothness", weights.smoothness, smoothness))
     if lock.any():
-        terms.append(Term("locked", weights.locked, _lock_term(system, lock, origin)))
+        terms.append(Term("locked", weights.locked, _lock_term(system, lock, origin, device)))
     return [term for term in terms if term.weight > 0.0]
 
 
@@ -71,7 +72,10 @@ def lock_weights(mesh: Mesh, locked: Bool[np.ndarray, " F"], falloff_mm: float) 
 
 
 def _lock_term(
-    system: PoissonSystem, lock: Float64[np.ndarray, " F"], origin: Float64[np.ndarray, "V 3"]
+    system: PoissonSystem,
+    lock: Float64[np.ndarray, " F"],
+    origin: Float64[np.ndarray, "V 3"],
+    device: torch.device | str,
 ) -> Callable[[State], Tensor]:
     """Area mean of |J W − W|² over the locked faces, J that of where the vertices are.
 
@@ -81,10 +85,10 @@ def _lock_term(
     corners = system.rest[system.faces[held]]
     # two edges of each face in its frame, as columns: R spans = the same edges now
     spans = np.einsum("fek,fde->fkd", system.frames[held], np.diff(corners, axis=1))
-    inverse = torch.from_numpy(np.linalg.inv(spans)).float()
-    wanted = torch.from_numpy(system.restricted(origin)[held]).float()
-    weights = torch.from_numpy(lock[held] * system.areas[held]).float()
-    index = torch.from_numpy(system.faces[held].astype(np.int64))
+    inverse = torch.from_numpy(np.linalg.inv(spans)).float().to(device)
+    wanted = torch.from_numpy(system.restricted(origin)[held]).float().to(device)
+    weights = torch.from_numpy(lock[held] * system.areas[held]).float().to(device)
+    index = torch.from_numpy(system.faces[held].astype(np.int64)).to(device)
 
     def locked(state: State) -> Tensor:
         now = torch.diff(state.positions[index], dim=1).transpose(1, 2)
@@ -93,9 +97,12 @@ def _lock_term(
     return locked
 
 
-def _edge_term(system: PoissonSystem, edges: Int[np.ndarray, "E 2"]) -> Callable[[State], Tensor]:
+def _edge_term(
+    system: PoissonSystem, edges: Int[np.ndarray, "E 2"], device: torch.device | str
+) -> Callable[[State], Tensor]:
     rest = np.linalg.norm(system.rest[edges[:, 0]] - system.rest[edges[:, 1]], axis=1)
-    ends, lengths = torch.from_numpy(edges.astype(np.int64)), torch.from_numpy(rest).float()
+    ends = torch.from_numpy(edges.astype(np.int64)).to(device)
+    lengths = torch.from_numpy(rest).float().to(device)
 
     def edge(state: State) -> Tensor:
         spans = state.positions[ends[:, 0]] - state.positions[ends[:, 1]]

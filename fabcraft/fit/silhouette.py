@@ -17,11 +17,9 @@ so that every picture is box-filtered to first order, and its derivative along t
 """
 
 import typing
-from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
-from jaxtyping import Int32, Integer
 
 from fabcraft.fit.shading import (
     add3,
@@ -36,40 +34,6 @@ from fabcraft.fit.shading import (
     unproject,
 )
 from fabcraft.geometry.raster import band_rows, pixel_range
-
-
-@dataclass(frozen=True, eq=False)
-class Topology:
-    """Faces and their edges; made once for a connectivity, whatever the vertices do.
-
-    faces : (F, 3) int32.
-    edges : (E, 4) int32, the two ends, and the opposite corners of its first two faces (-1: no second one).
-    """
-
-    faces: Int32[np.ndarray, "F 3"]
-    edges: Int32[np.ndarray, "E 4"]
-
-    def __post_init__(self) -> None:
-        for name in ("faces", "edges"):
-            array = np.array(getattr(self, name), dtype=np.int32)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
-    @staticmethod
-    def of(faces: Integer[np.ndarray, "F 3"]) -> "Topology":
-        """The topology of (F, 3) `faces`."""
-        triangles = np.ascontiguousarray(faces, dtype=np.int32)
-        ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-        opposite = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
-        ends.sort(axis=1)
-        order = np.lexsort((ends[:, 1], ends[:, 0]))
-        ends, opposite = ends[order], opposite[order]
-        new = np.ones(len(ends), bool)
-        new[1:] = (ends[1:] != ends[:-1]).any(1)
-        first = np.flatnonzero(new)
-        count = np.diff(np.append(first, len(ends)))
-        second = np.where(count > 1, opposite[np.minimum(first + 1, len(ends) - 1)], -1)
-        return Topology(triangles, np.column_stack([ends[first], opposite[first], second]).astype(np.int32))
 
 
 @nb.njit(cache=True, inline="always")

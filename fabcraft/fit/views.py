@@ -20,7 +20,7 @@ from fabcraft.fit.camera import Camera, bank, orbit, stack
 from fabcraft.fit.descend import State
 from fabcraft.fit.presets import DeformSettings
 from fabcraft.fit.render import render
-from fabcraft.fit.silhouette import Topology
+from fabcraft.fit.topology import Topology
 from fabcraft.geometry.frame import Frame
 from fabcraft.guidance.guidance import Guidance, Views
 from fabcraft.mesh import Mesh
@@ -103,6 +103,7 @@ class ViewBank:
     ) -> Views:
         cameras = stack([self.cameras[index] for index in part])
         images = render(positions, topology, cameras, outputs=outputs)
+        faces = topology.on(positions.device, len(positions)).faces
         forward = cameras.views[:, 2, :3]
         with torch.no_grad():
             pixels = cameras.project(positions.detach())[..., :2]
@@ -113,22 +114,25 @@ class ViewBank:
             azimuth_deg=np.degrees(np.arctan2(-forward[:, 0], forward[:, 1])) % 360.0,
             elevation_deg=np.degrees(-np.arcsin(np.clip(forward[:, 2], -1.0, 1.0))),
             positions=positions,
-            faces=torch.from_numpy(topology.faces.astype(np.int64)),
+            faces=faces,
             pixels=pixels,
-            visible=_visible(images.face_id, topology.faces, len(positions)),
+            visible=_visible(images.face_id, faces, len(positions)),
             **{name: images.of(name) for name in outputs},
         )
 
 
 @torch.no_grad()
-def prepare(guidance: Sequence[Guide], views: ViewBank, rest: Mesh) -> None:
+def prepare(
+    guidance: Sequence[Guide], views: ViewBank, rest: Mesh, device: torch.device | str = "cpu"
+) -> None:
     """Show the rest shape, from every camera of the bank, to each guidance that has a `prepare` for it."""
-    points = torch.from_numpy(Frame.of(rest).inside(rest.vertices)).float()
+    points = torch.from_numpy(Frame.of(rest).inside(rest.vertices)).float().to(device)
+    topology = Topology.of(rest.faces)
     for one in guidance:
         shown = getattr(one, "prepare", None)
         if shown is None or not one.outputs:
             continue
-        for seen in views.chunks(points, Topology.of(rest.faces), one.outputs):
+        for seen in views.chunks(points, topology, one.outputs):
             shown(seen)
 
 
@@ -177,9 +181,9 @@ class GuidanceChunks:
             azimuth_deg=np.zeros(0),
             elevation_deg=np.zeros(0),
             positions=state.positions,
-            faces=torch.from_numpy(self.topology.faces.astype(np.int64)),
+            faces=self.topology.on(state.positions.device, count).faces,
             pixels=state.positions.new_zeros(0, count, 2),
-            visible=torch.zeros(0, count, dtype=torch.bool),
+            visible=torch.zeros(0, count, dtype=torch.bool, device=state.positions.device),
         )
 
 
@@ -203,10 +207,11 @@ def _neighbour(camera: Camera) -> Camera:
     return orbit(np.zeros(3), float(np.linalg.norm(place)), azimuth, elevation, fov, camera.width)
 
 
-def _visible(face_id: Tensor, faces: Int[np.ndarray, "F 3"], count: int) -> Tensor:
+def _visible(face_id: Tensor, faces: Int[Tensor, "F 3"], count: int) -> Tensor:
     """(K, V) bool: whether a face around the vertex owns a pixel of the view."""
-    seen = np.zeros((len(face_id), count), dtype=bool)
-    for view, ids in enumerate(face_id.numpy()):
-        owners = np.unique(ids)
-        seen[view, faces[owners[owners >= 0]].ravel()] = True
-    return torch.from_numpy(seen)
+    owning = torch.zeros(len(face_id), len(faces) + 1, dtype=torch.bool, device=face_id.device)
+    owning.scatter_(1, face_id.flatten(1).long() + 1, True)  # place 0 is the background's
+    view, face = owning[:, 1:].nonzero().unbind(1)
+    seen = torch.zeros(len(face_id), count, dtype=torch.bool, device=face_id.device)
+    seen[view[:, None], faces[face]] = True
+    return seen

@@ -5,7 +5,8 @@ Convention: J[f, i, d] = ∂φ_i / ∂x_d, so J = I (or any field whose restrict
 the rest mesh. The normal part of J never moves a vertex; everything is computed from the restriction R = J W (F, D, 2)
 to the faces' tangent frames W. One vertex of every connected component is pinned for the factorisation, and every
 component is then shifted so that its centroid (rest-area weights) is the rest centroid: where an object sits is not the
-business of its Jacobians, a translation is added by the caller. The matrix is factorised once, in float64.
+business of its Jacobians, a translation is added by the caller. The matrix is factorised once, in float64, on the CPU.
+Fields on another device are brought there and back: a triangular solve for three columns is one long chain of small steps.
 
 Parts that should stay assembled (lenses in their frame, plates of a helmet) can be tied by *links*: soft springs that ask
 two vertices for their offset at rest. They add  w Σ_(i,j) ‖(φ_i − φ_j) − (x_i − x_j)‖²  to the sum above, where w = 1 is
@@ -32,11 +33,11 @@ class _Linear(torch.autograd.Function):
     @staticmethod
     def forward(ctx, value, apply, transpose):
         ctx.transpose = transpose
-        return torch.from_numpy(apply(value.detach().numpy().astype(np.float64))).to(value.dtype)
+        return torch.from_numpy(apply(value.detach().double().cpu().numpy())).to(value)
 
     @staticmethod
     def backward(ctx, grad):
-        return torch.from_numpy(ctx.transpose(grad.numpy().astype(np.float64))).to(grad.dtype), None, None
+        return torch.from_numpy(ctx.transpose(grad.double().cpu().numpy())).to(grad), None, None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,7 @@ class PoissonSystem:
 
     def vertices(self, jacobians: Float[torch.Tensor, "F 3 3"]) -> Float[torch.Tensor, "V 3"]:
         """Positions whose gradient is nearest the Jacobians, differentiable; component centroids stay at rest."""
-        frames = torch.from_numpy(self.frames).to(jacobians.dtype)
+        frames = torch.from_numpy(self.frames).to(jacobians)
         return self.vertices_of_restricted(torch.einsum("fde,fek->fdk", jacobians, frames))
 
     def vertices_of_restricted(self, restricted: Float[torch.Tensor, "F D 2"]) -> Float[torch.Tensor, "V D"]:
@@ -124,7 +125,7 @@ class PoissonSystem:
         anchor = (self._centroid @ self.rest[:, :dimension])[self.components]
         if self._linked is not None:
             anchor = anchor + self._linked[:, :dimension]
-        return solved + torch.from_numpy(anchor).to(restricted.dtype)
+        return solved + torch.from_numpy(anchor).to(restricted)
 
     def _solve(self, columns: np.ndarray) -> np.ndarray:
         """(2F, D) frame gradients to (V, D) positions with every component's centroid at the origin."""

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -89,17 +89,17 @@ class TargetPoints:
     def losses(self, views: Views) -> dict[str, Tensor]:
         """`chamfer`, squared, in the optimiser's frame."""
         placed = self._samples(views)
-        now, tree = placed.detach().double().numpy(), self.__dict__["_tree"]
-        goal = torch.from_numpy(self.points).to(placed.dtype)
+        now, tree = placed.detach().double().cpu().numpy(), self.__dict__["_tree"]
+        goal = torch.from_numpy(self.points).to(placed)
         loss = placed.new_zeros(())
         if self.sides in ("both", "object"):
             distances, nearest = tree.query(now)
             near = _nearest(distances, self.trim)
-            loss = loss + ((placed[near] - goal[nearest[near]]) ** 2).sum(1).mean()
+            loss = loss + _apart(placed, near, goal, nearest[near])
         if self.sides in ("both", "targets"):
             distances, nearest = cKDTree(now).query(self.points)
             near = _nearest(distances, self.trim)
-            loss = loss + ((placed[nearest[near]] - goal[near]) ** 2).sum(1).mean()
+            loss = loss + _apart(placed, nearest[near], goal, near)
         return {"chamfer": loss}
 
     def _samples(self, views: Views) -> Float[Tensor, "S 3"]:
@@ -107,13 +107,24 @@ class TargetPoints:
         corners = views.positions[views.faces]
         with torch.no_grad():
             across = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            areas = across.double().norm(dim=1).numpy()
+            areas = across.double().norm(dim=1).cpu().numpy()
         faces, places = area_samples(areas, self.samples, np.random.default_rng([self.seed, views.step]))
-        weights = torch.from_numpy(places).to(corners.dtype)
-        return (weights[:, :, None] * corners[torch.from_numpy(faces)]).sum(1)
+        weights = torch.from_numpy(places).to(corners)
+        return (weights[:, :, None] * corners[torch.from_numpy(faces).to(corners.device)]).sum(1)
 
 
-def _nearest(distances: Float64[np.ndarray, " N"], share: float) -> Tensor:
+def _apart(
+    points: Float[Tensor, "S 3"],
+    these: Int[np.ndarray, " N"],
+    goal: Float[Tensor, "Q 3"],
+    those: Int[np.ndarray, " N"],
+) -> Tensor:
+    """Mean squared distance of matched points."""
+    here, there = (torch.from_numpy(index).to(points.device) for index in (these, those))
+    return ((points[here] - goal[there]) ** 2).sum(1).mean()
+
+
+def _nearest(distances: Float64[np.ndarray, " N"], share: float) -> Int[np.ndarray, " K"]:
     """Indices of the smallest `share` of the distances, ascending."""
     count = max(1, round(share * len(distances)))
-    return torch.from_numpy(np.sort(np.argsort(distances, kind="stable")[:count]))
+    return np.sort(np.argsort(distances, kind="stable")[:count])

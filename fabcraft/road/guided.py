@@ -96,7 +96,8 @@ def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
     if recipe.text:
         chosen = for_text(chosen)
     least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
-    return replace(chosen, seed=recipe.seed, clearance_mm=max(least, 0.0))
+    chosen = replace(chosen, seed=recipe.seed, clearance_mm=max(least, 0.0))
+    return replace(chosen, device=recipe.device) if recipe.device else chosen
 
 
 def _guidance(
@@ -107,13 +108,14 @@ def _guidance(
 
     from fabcraft.fit.render import Topology
     from fabcraft.fit.views import ViewBank
+    from fabcraft.geometry.device import device_of
     from fabcraft.geometry.frame import Frame
 
     if recipe.text:
         from fabcraft.guidance.clip import DEFAULT, load_clip
         from fabcraft.guidance.text import TextGuidance
 
-        model = load_clip(recipe.encoder or DEFAULT)
+        model = load_clip(recipe.encoder or DEFAULT, device_of(settings.device))
         article = "an" if recipe.template[0] in "aeiou" else "a"
         text = TextGuidance(model, recipe.text, f"{article} {recipe.template}", seed=recipe.seed)
         return [text], (text.describe(),)
@@ -122,7 +124,9 @@ def _guidance(
 
     assert given.goal is not None
     goal = aligned(given.goal, rest)
-    inside = torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float()
+    inside = (
+        torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float().to(device_of(settings.device))
+    )
     bank = ViewBank.around(rest, settings)
     views = bank.chunks(inside, Topology.of(goal.mesh.faces), ("shaded", "mask", "normal"))
     pictures = PictureGuidance(targets_of(views))

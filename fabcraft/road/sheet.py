@@ -12,7 +12,7 @@ from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import Relief, inflate
 from fabcraft.guidance.placement import place
 from fabcraft.guidance.target import target_relief
-from fabcraft.judge import likeness, seat_findings, worn
+from fabcraft.judge import contact_findings, likeness, seat_findings, worn
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
@@ -43,7 +43,8 @@ def shape_sheet(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     with clock.stage("fit"):
         design = fitted(recipe, template, relief, distance, clock.tell)
     with clock.stage("solid"):
-        cell_mm = min(CELLS_MM[recipe.preset], 0.5 * template.wall_mm)
+        # on a character the cells of the grid go with the size of its head
+        cell_mm = min(CELLS_MM[recipe.preset] * max(template.scale, 0.5), 0.5 * template.wall_mm)
         slots = strap_slots(template, relief) if recipe.strap_slots else ()
         if recipe.strap_slots and not slots:
             notes.append((True, NO_SLOTS))
@@ -58,7 +59,11 @@ def shape_sheet(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         route=(*route, *how(design)),
         notes=tuple(notes),
         solid_notes=solid.notes,
-        findings=(*seat_findings(template, relief), *stopped(design)),
+        findings=(
+            *seat_findings(template, relief),
+            *contact_findings(solid.mesh, template, relief),
+            *stopped(design),
+        ),
         metrics={
             **likeness(solid.mesh, design.template, relief, design.mesh, design.direct),
             "clearance_slack_mm": solid.numbers["clearance_slack_mm"],
@@ -75,6 +80,8 @@ def fitted(
     from fabcraft.fit.optimize import fit
 
     settings = replace(FIT_PRESETS[recipe.preset], seed=recipe.seed)
+    if recipe.device:
+        settings = replace(settings, device=recipe.device)
 
     def watch(stage: str, step: int, steps: int, sheet: Mesh) -> None:
         if tell is not None:

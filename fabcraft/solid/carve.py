@@ -7,9 +7,9 @@ grid over the solid, not a mesh whose vertices were moved: that one would lose t
 import manifold3d
 import numpy as np
 
+from fabcraft.geometry.edges import split_edges
 from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh
-from fabcraft.solid.edges import split_edges
 from fabcraft.solid.manifolds import to_manifold, to_mesh
 from fabcraft.solid.sheet import KeepOut
 

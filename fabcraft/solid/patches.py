@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.edges import components, edge_uses
 from fabcraft.mesh import Mesh
-from fabcraft.solid.edges import components, edge_uses
 
 MOST_PIECES = 64
 """Above this many sheets they are thickened together, on one grid."""

@@ -18,9 +18,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist
 
 from fabcraft.errors import MissingError, SolidError
+from fabcraft.geometry.edges import components, edge_uses
 from fabcraft.geometry.voxels import Grid, samples
 from fabcraft.mesh import Mesh
-from fabcraft.solid.edges import components, edge_uses
 
 _WELD_MM = 1e-5
 _SOUP_WELD_MM = 0.05

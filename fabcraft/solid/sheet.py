@@ -20,9 +20,9 @@ from jaxtyping import Bool, Float64, Int32, Int64
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.edges import split_edges
 from fabcraft.geometry.voxels import Grid, samples
 from fabcraft.mesh import Mesh
-from fabcraft.solid.edges import split_edges
 
 PerPoint = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
 

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
 
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.edges import components, split_edges
 from fabcraft.mesh import Mesh
-from fabcraft.solid.edges import components, split_edges
 from fabcraft.solid.patches import inward_thickness
 
 LEVELS = (0.35, 0.5, 0.7, 0.85, 1.0)

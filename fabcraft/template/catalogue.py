@@ -5,8 +5,11 @@ It raises `InputError` for a body that lacks the part, with the reason, and for 
 """
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
 
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
@@ -38,9 +41,38 @@ class Kind:
                 hint = f"Did you mean {close[0]}?" if close else f"Known: {', '.join(known)}."
                 raise InputError(f"a {self.name} has no '{name}'", hint)
             one = known[name]
-            if isinstance(value, int | float) and not one.low <= value <= one.high:
+            if one.choices and not (isinstance(value, int | float) and one.low < one.high):
+                if value not in one.choices:
+                    raise InputError(
+                        f"{name} = {value} was asked of a {self.name}",
+                        f"Choose {' or '.join(one.choices)}: {one.meaning}.",
+                    )
+            elif isinstance(value, int | float) and not one.low <= value <= one.high:
                 raise InputError(
                     f"{name} = {value:g} was asked of a {self.name}",
                     f"Choose {one.low:g} to {one.high:g} {one.unit}".rstrip() + f": {one.meaning}.",
                 )
         return dict(given)
+
+    def worn(
+        self, body: Body, part: str, places: Sequence[str]
+    ) -> tuple[Body, Mapping[str, Float64[np.ndarray, "3"]]]:
+        """The part of `body` that wears this kind, and its joints and landmarks; `places` are needed.
+
+        Where the part has been cut too near to a place, the whole body's is given.
+        Raises `InputError` with the reason when the body cannot wear it or lacks one of the places.
+        """
+        if self.name in body.unwearable:
+            raise InputError(
+                f"the {body.name} cannot wear a {self.name}: {body.unwearable[self.name]}",
+                "Choose another template or another body (fabcraft bodies).",
+            )
+        known = {**body.joints, **body.landmarks}
+        missing = [place for place in places if place not in known]
+        if missing:
+            raise InputError(
+                f"body {body.name} has no {', '.join(missing)}, so a {self.name} cannot be placed on it",
+                "Choose another body (fabcraft bodies).",
+            )
+        found = body if body.kind == "scan" else body.part(part)
+        return found, {**known, **found.joints, **found.landmarks}

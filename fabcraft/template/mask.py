@@ -17,6 +17,7 @@ from jaxtyping import Float64
 from scipy.ndimage import binary_closing, gaussian_filter
 
 from fabcraft.body.body import Body
+from fabcraft.body.contacts import resting_on
 from fabcraft.errors import InputError
 from fabcraft.geometry.heights import front_heights, lifted_over, raised, smoothest_over
 from fabcraft.geometry.plane import Plane
@@ -35,6 +36,8 @@ DEFAULT_WALL_MM = 2.4
 _WALL_SHARE = 0.02
 """Wall of a character's mask over the size of its head."""
 ADULT_FACE_MM = 123.0  # menton to sellion, median man (ANSUR II)
+SIGHT_MM = 6.0
+"""Skin that is this far behind the frontmost is still met by a mask."""
 _SLACK_MM = 0.15  # the height fields are grids; what they miss between pixels stays under this
 
 
@@ -86,7 +89,7 @@ def mask(body: Body, wall_mm: float = DEFAULT_WALL_MM) -> Template:
         front,
         wall_mm,
         len(rims) - 1,
-        CONTACTS,
+        resting_on(head, CONTACTS),
         edge_mm,
         resting_mm=resting_mm,
         opening_share=0.7 if head.kind != "character" else 1.0,
@@ -150,22 +153,27 @@ def _front_surface(head: Body, wall_mm: float, scale: float) -> FrontSurface:
         0.5 * wall_mm + _SLACK_MM * pixel,
     )
     skin = front_heights(head.mesh, fine)
-    zones = _zones(head, fine)
-    resting = _near(head, CONTACTS, fine, 5.0 * scale)
-    floor = np.maximum(
-        raised(np.where(resting | _domes(head, fine), -np.inf, skin), general + slack, pixel),
-        raised(np.where(resting, skin, -np.inf), rest + slack, pixel),
-    )
-    for distance_mm, zone in zones:
-        before = raised(np.where(zone, skin, -np.inf), distance_mm + slack, pixel)
-        floor = np.maximum(floor, before)
-    clearance = gaussian_filter(np.where(_near(head, CONTACTS, fine, 9.0 * scale), rest, general), 2.0)
-    contact = gaussian_filter(resting.astype(np.float64), 2.5)
+    rests = _rests(head, fine, rest, 5.0 * scale)
+    wish = np.max([np.zeros(skin.shape), *(weight * near for _, weight, near in rests)], axis=0)
+    resting = wish > 0.0
+    floor = raised(np.where(resting | _domes(head, fine), -np.inf, skin), general + slack, pixel)
+    for distance_mm in sorted({distance_mm for distance_mm, _, _ in rests}):
+        here = np.any([near for distance, _, near in rests if distance == distance_mm], axis=0)
+        floor = np.maximum(floor, raised(np.where(here, skin, -np.inf), distance_mm + slack, pixel))
+    clearance = np.full(skin.shape, general)
+    for distance_mm, _, near in sorted(_rests(head, fine, rest, 9.0 * scale), key=lambda one: -one[0]):
+        clearance[near] = distance_mm
+    clearance = gaussian_filter(clearance, 2.0)
+    for distance_mm, zone, asked in _zones(head, fine, skin):
+        floor = np.maximum(floor, raised(np.where(zone, skin, -np.inf), distance_mm + slack, pixel))
+        if asked:  # a promise to the wearer, kept by the wall too
+            clearance = np.maximum(clearance, np.where(zone, distance_mm, 0.0))
+    contact, wish = gaussian_filter(resting.astype(np.float64), 2.5), gaussian_filter(wish, 2.5)
     floor, skin = _coarser(floor, np.max), _coarser(skin, np.max)
-    clearance, contact = _coarser(clearance, np.mean), _coarser(contact, np.mean)
+    clearance, contact, wish = (_coarser(field, np.mean) for field in (clearance, contact, wish))
     core = _core(head, floor, plane, scale)
     wanted = np.where(core, floor, _around_head(floor, core, plane))
-    pull = np.where(core, 0.4 + 8.0 * gaussian_filter(contact, 3.0 * scale), 0.04)
+    pull = np.where(core, 0.4 + 8.0 * gaussian_filter(wish, 3.0 * scale), 0.04)
     sheet = smoothest_over(floor, wanted, pull, plane.pixel_mm, 16.0 * scale, 60.0 * scale)
     base = lifted_over(sheet, floor, plane.pixel_mm, 4.0 * scale)
     return FrontSurface(plane, skin, floor, base, clearance, contact, core)
@@ -211,22 +219,46 @@ def _domes(head: Body, plane: Plane) -> np.ndarray:
     return _near(head, ("eye_left", "eye_right"), plane, plane.pixel_mm)
 
 
-def _zones(head: Body, plane: Plane) -> list[tuple[float, np.ndarray]]:
-    """(distance, pixels) of the regions that keep farther from the sheet than the rest: lips, and the like."""
+def _rests(
+    head: Body, plane: Plane, least_mm: float, radius_mm: float
+) -> list[tuple[float, float, np.ndarray]]:
+    """(distance to the skin, weight, pixels) of every region that it rests on."""
+    regions = [head.regions[name] for name in resting_on(head, CONTACTS)]
     return [
-        (region.never_closer_mm, _near(head, (name,), plane, 3.0 * head.scale))
-        for name, region in sorted(head.regions.items())
-        if region.never_closer_mm > head.clearance_mm(GENERAL_MM) and not name.startswith(("ear", "eye"))
+        (max(least_mm, region.never_closer_mm), region.weight, _near(head, (region.name,), plane, radius_mm))
+        for region in regions
     ]
 
 
-def _near(head: Body, names: tuple[str, ...], plane: Plane, radius_mm: float) -> np.ndarray:
+def _zones(head: Body, plane: Plane, skin: np.ndarray) -> list[tuple[float, np.ndarray, bool]]:
+    """(distance, pixels, whether the wearer asked) of what keeps farther away than the rest: lips, and the like.
+
+    The eyes look out of openings and ears are beside the mask, so both count only when asked for; what the wearer asked
+    for counts only where it can be seen from the front.
+    """
+    found = []
+    for name, region in sorted(head.regions.items()):
+        asked = name in head.asked
+        far = region.weight == 0.0 and region.never_closer_mm > head.clearance_mm(GENERAL_MM)
+        if not far or (name.startswith(("ear", "eye")) and not asked):
+            continue
+        points = head.mesh.vertices[region.vertex_indices]
+        if asked:
+            points = points[-points[:, 1] > plane.sample(skin, points[:, [0, 2]]) - SIGHT_MM * head.scale]
+        found.append((region.never_closer_mm, _pixels_near(points, plane, 3.0 * head.scale), asked))
+    return found
+
+
+def _near(head: Body, names: Sequence[str], plane: Plane, radius_mm: float) -> np.ndarray:
     """Pixels within `radius_mm` of a vertex of the regions, in the front view."""
+    points = [head.mesh.vertices[head.regions[name].vertex_indices] for name in names]
+    return _pixels_near(np.concatenate(points), plane, radius_mm)
+
+
+def _pixels_near(points: Float64[np.ndarray, "N 3"], plane: Plane, radius_mm: float) -> np.ndarray:
     seen = np.zeros((plane.height, plane.width), dtype=np.uint8)
-    for name in names:
-        points = head.mesh.vertices[head.regions[name].vertex_indices][:, [0, 2]]
-        for column, row in np.floor(plane.to_pixels(points)).astype(int):
-            cv2.circle(seen, (int(column), int(row)), max(1, round(radius_mm / plane.pixel_mm)), 1, -1)
+    for column, row in np.floor(plane.to_pixels(points[:, [0, 2]])).astype(int):
+        cv2.circle(seen, (int(column), int(row)), max(1, round(radius_mm / plane.pixel_mm)), 1, -1)
     return seen.astype(bool)
 
 

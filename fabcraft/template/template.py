@@ -84,6 +84,8 @@ class DonningPath:
     """Press into the body that skin and the object's flex take together on the way."""
     why: str
     """Where that allowance comes from, for the report."""
+    through: Mesh | None = None
+    """What passes through the object on the way where that is not the body as it stands: the folded hand."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Parameter:
     low: float
     high: float
     meaning: str
+    choices: tuple[str, ...] = ()
+    """The words that it may be instead; where `low` equals `high`, it may be nothing else."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,12 @@ BODY: Colour = (0.80, 0.70, 0.63)
 """A calm skin-like clay for the wearer."""
 OBJECT: Colour = (0.25, 0.52, 0.77)
 """The printed object."""
+EYES: Colour = (0.07, 0.07, 0.08)
+"""The eyes of a character."""
+RESTED_ON: Colour = (0.16, 0.58, 0.36)
+"""Skin that the object rests on."""
+KEPT_CLEAR: Colour = (0.93, 0.62, 0.16)
+"""Skin that it keeps a distance from."""
 GREY: Colour = (0.74, 0.75, 0.77)
 """A neutral body or a second object."""
 

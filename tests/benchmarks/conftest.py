@@ -11,6 +11,7 @@ from pathlib import Path
 
 # A core that is shared is not to be waited for by spinning; set before torch starts its threads.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # as in a run
 
 import jaxtyping
 import pytest

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from encoders import full_size
 from measure import Row, take_turns
 from scenes import around, torus_of
 
@@ -9,30 +10,13 @@ from fabcraft.fit.descend import Descent, State, Variables, descend
 from fabcraft.fit.losses import Term
 from fabcraft.fit.render import Topology, render
 from fabcraft.geometry.poisson import PoissonSystem
-from fabcraft.guidance.clip import ClipModel, open_clip
 
 STEPS = 1
 
 
 @pytest.fixture(scope="module")
 def encoder():
-    try:
-        library = open_clip()
-    except ImportError as error:
-        pytest.skip(f"open_clip does not load: {error}")
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        network = library.create_model("ViT-B-32", pretrained=None, precision="fp32")
-    return ClipModel(
-        name="ViT-B-32, random",
-        network=network.float().eval().requires_grad_(False),
-        tokenizer=None,
-        size=(224, 224),
-        mean=(0.481, 0.458, 0.408),
-        std=(0.269, 0.261, 0.276),
-        interpolation="bicubic",
-        device=torch.device("cpu"),
-    )
+    return full_size("cpu")
 
 
 def test_a_guided_step_is_the_encoder_and_little_else(rows, encoder):

@@ -73,8 +73,8 @@ def test_a_step_beside_the_same_maths_in_plain_torch(rows, faces):
     images = render(vertices, topology, cameras, OUTPUTS)
     ours = derivative(images.mask, images.shaded, wanted.mask.double(), wanted.shaded.double(), vertices)
     theirs = peer_step(draw, points, wanted)()
-    # its depths are the rounded ones of `rasterize`: at a pixel or two it decides otherwise
-    assert (ours - theirs).norm() < 2e-3 * ours.norm()
+    # an absolute difference has either slope where rounding alone tells two pictures apart
+    assert (ours - theirs).norm() < 2e-4 * ours.norm()
     times = take_turns({"ours": step, "torch": peer_step(draw, points, wanted)}, rounds=7)
     rows.append(
         compared(
@@ -83,7 +83,7 @@ def test_a_step_beside_the_same_maths_in_plain_torch(rows, faces):
             "plain torch",
             times["ours"],
             times["torch"],
-            "visibility from our z-buffer in both; the same gradient",
+            "what a graphics card is given, on the CPU; the same pictures and gradient",
         )
     )
 

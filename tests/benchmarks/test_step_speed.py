@@ -26,14 +26,19 @@ PARTS = {
 STEPS = 20
 
 
-@pytest.fixture(scope="module")
-def worn():
+def worn_mask():
+    """The template of a man's mask, the distance to his head, and the relief of a plain drawn shape."""
     template = mask(human("man"))
     middle = 0.5 * (template.outline.min(0) + template.outline.max(0))
     angle = np.linspace(-np.pi / 2, 1.5 * np.pi, 900, endpoint=False)
     outline = middle + np.stack([75 * np.cos(angle), 90 * np.sin(angle)], 1)
     drawn = PlacedDrawing(outline, template.openings, (), (), 2.0, 0.2, False, ())
     return template, SurfaceDistance(template.body.mesh), inflate(drawn, template)
+
+
+@pytest.fixture(scope="module")
+def worn():
+    return worn_mask()
 
 
 def sheet_of(template, faces):

@@ -2,6 +2,7 @@
 
 from fabcraft.body.characters.model import Arm, Ear, Foot, Head, Model, Neck
 from fabcraft.body.characters.shapes import (
+    Number,
     Shape,
     ball,
     both_sides,
@@ -29,7 +30,7 @@ def _head() -> Shape:
     return joined(5, joined(8, skull, muzzle), both_sides(_EAR))
 
 
-def _paw(x: float, y: float) -> Shape:
+def _paw(x: Number, y: Number) -> Shape:
     """A paw under (x, y): a foot with three toes."""
     toes = [ball((x + dx, y - 11 + dy, 9), 7.5) for dx, dy in ((-9, 0), (0, -4), (9, 0))]
     return joined(3, ellipsoid((x, y, 12), (16, 18, 14)), *toes)
@@ -62,7 +63,7 @@ DOG = Model(
     name="dog",
     title="dog, on four legs",
     height_mm=180,
-    shape=_shape(),
+    shape=_shape,
     bounds=((-80, -125, 0), (80, 120, 185)),
     cell_mm=2.5,
     head=Head(

@@ -4,10 +4,10 @@ Only the wearer's left (+x) is written down; the right is its mirror image.  A `
 is put onto it; other points lie inside.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from fabcraft.body.characters.shapes import Point, Shape
+from fabcraft.body.characters.shapes import Number, Point, Shape
 
 Place = Point
 Cut = tuple[Point, Point]
@@ -29,13 +29,13 @@ class Head:
 
     middle: Point
     eye: Point
-    eye_radius: float
-    glabella_z: float
-    sellion_z: float
-    nose_z: float
+    eye_radius: Number
+    glabella_z: Number
+    sellion_z: Number
+    nose_z: Number
     mouth: Place
     chin: Place
-    breadth_z: float
+    breadth_z: Number
     """Where the skull is widest, above the ears."""
     cheek: Place
     temple: Place
@@ -67,7 +67,7 @@ class Arm:
     """End of hand, paw or hoof, inside."""
     back: Point
     """Direction of the back of the hand."""
-    girth_mm: float
+    girth_mm: Number
     """Radius of the forearm that a band around the wrist stays within."""
     fingers: tuple[tuple[Point, Point, Point], tuple[Point, Point, Point]] | None = None
     """(base, knuckle, tip) of the first and the last finger; None for a hand without fingers."""
@@ -78,13 +78,13 @@ class Foot:
     """A foot that a shoe goes on."""
 
     ankle: Point
-    reach_mm: float
+    reach_mm: Number
     """Every part of the foot is nearer than this to the ankle, seen from above; other feet are not."""
-    cut_z: float
+    cut_z: Number
     """The foot part ends at this height,"""
-    behind_mm: float
+    behind_mm: Number
     """this far behind the ankle,"""
-    inner_x: float = 1.0
+    inner_x: Number = 1.0
     """and here towards the other foot."""
 
 
@@ -94,11 +94,11 @@ class Model:
 
     name: str
     title: str
-    height_mm: float
+    height_mm: Number
     """Height when nothing else is asked."""
-    shape: Shape
+    shape: Callable[[], Shape]
     bounds: tuple[Point, Point]
-    cell_mm: float
+    cell_mm: Number
     """Edge length of its mesh at the size it is modelled at."""
     head: Head
     neck: Neck

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from fabcraft.body.body import LEAST_CLEARANCE_MM
 from fabcraft.body.characters.model import Model
 from fabcraft.body.characters.places import Points, foot_vertices, hand_axes
+from fabcraft.body.characters.shapes import Number
 from fabcraft.body.contacts import skin_disc
 from fabcraft.body.region import RULES, Region, human_region
 from fabcraft.mesh import Mesh
@@ -47,7 +48,7 @@ def regions(
 
     mesh, marks, joints : as it is modelled; scales : size of head, hand and foot there over a median man's.
     """
-    members = _of_face(model, mesh, marks, scales["head"]) | _of_skull_and_neck(mesh, marks, scales["head"])
+    members = _of_face(model, mesh, marks, scales["head"]) | _of_skull_and_neck(model, mesh, marks, scales["head"])
     members |= _of_hand(model, mesh, joints, scales["hand"]) | _of_foot(model, mesh, marks, scales["foot"])
     opposite = cKDTree(mesh.vertices).query(mesh.vertices * [-1.0, 1.0, 1.0])[1]
     found = {}
@@ -55,6 +56,7 @@ def regions(
         if name in RULES:
             found[name] = human_region(name, np.union1d(own, opposite[own]))
             continue
+        own = own[mesh.vertices[own, 0] > 0.0]
         emphasis = _palm_share(model, mesh, own, _ON_THE_BACK[name]) if name in _ON_THE_BACK else None
         found[f"{name}_left"] = human_region(f"{name}_left", own, emphasis)
         found[f"{name}_right"] = human_region(f"{name}_right", opposite[own], emphasis)
@@ -62,13 +64,9 @@ def regions(
 
 
 def _of_face(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
-    def front(places: Iterable[tuple[float, float]], radius_mm: float) -> np.ndarray:
+    def front(places: Iterable[tuple[Number, Number]], radius_mm: float) -> np.ndarray:
         """The skin round places (x, z) in the front view."""
-        return disc(np.array([_foremost(mesh, place) for place in places]), radius_mm)
-
-    def disc(points: Float64[np.ndarray, "N 3"], radius_mm: float) -> np.ndarray:
-        """The skin round points, at least two rings of vertices of it."""
-        return skin_disc(mesh, points, max(radius_mm, 2.2 * model.cell_mm))
+        return _disc(model, mesh, np.array([_foremost(mesh, place) for place in places]), radius_mm)
 
     eye, brow, root = np.array(model.head.eye), marks["glabella"][2], marks["sellion"]
     found = {
@@ -76,11 +74,11 @@ def _of_face(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
             [(x, brow + 12.0 * scale) for x in scale * np.linspace(-30.0, 30.0, 9)], 9.0 * scale
         ),
         "cheekbone": front([(eye[0] + 10.0 * scale, eye[2] - 30.0 * scale)], 12.0 * scale),
-        "nose_bridge": disc(root[None], 8.0 * scale),
-        "nose_tip": disc(marks["pronasale"][None], 10.0 * scale),
+        "nose_bridge": _disc(model, mesh, root[None], 8.0 * scale),
+        "nose_tip": _disc(model, mesh, marks["pronasale"][None], 10.0 * scale),
         "nose_flank": front([(9.0 * scale, root[2] - 11.0 * scale)], 6.0 * scale),
         "lips": front([(x, model.head.mouth[2]) for x in scale * np.linspace(-15.0, 15.0, 5)], 8.0 * scale),
-        "chin": disc(marks["menton"][None], 14.0 * scale),
+        "chin": _disc(model, mesh, marks["menton"][None], 14.0 * scale),
         "eye": np.flatnonzero(np.linalg.norm(mesh.vertices - eye, axis=1) < 1.05 * model.head.eye_radius),
     }
     if model.head.ear is not None:
@@ -89,16 +87,21 @@ def _of_face(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
     return found
 
 
-def _foremost(mesh: Mesh, place: tuple[float, float]) -> Float64[np.ndarray, "3"]:
+def _disc(model: Model, mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: Number) -> np.ndarray:
+    """The skin round points, at least two rings of vertices of it."""
+    return skin_disc(mesh, points, max(float(radius_mm), 2.2 * model.cell_mm))
+
+
+def _foremost(mesh: Mesh, place: tuple[Number, Number]) -> Float64[np.ndarray, "3"]:
     """The vertex nearest to (x, z) in the front view, of those not hidden behind others."""
     away = np.linalg.norm(mesh.vertices[:, [0, 2]] - place, axis=1)
     near = np.flatnonzero(away < max(4.0, 1.5 * away.min()))
     return mesh.vertices[near[mesh.vertices[near, 1].argmin()]]
 
 
-def _of_skull_and_neck(mesh: Mesh, marks: Points, scale: float) -> Members:
+def _of_skull_and_neck(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
     def pad(point: Float64[np.ndarray, "3"], radius_mm: float) -> np.ndarray:
-        return skin_disc(mesh, point[None], radius_mm)
+        return _disc(model, mesh, point[None], radius_mm)
 
     return {
         "crown": pad(marks["vertex"], 35.0 * scale),
@@ -125,7 +128,7 @@ def _of_hand(model: Model, mesh: Mesh, joints: Points, scale: float) -> Members:
 
 
 def _band(
-    mesh: Mesh, start: np.ndarray, end: np.ndarray, between: tuple[float, float], girth_mm: float
+    mesh: Mesh, start: np.ndarray, end: np.ndarray, between: tuple[float, float], girth_mm: Number
 ) -> np.ndarray:
     """The skin round the bone from `start` to `end` between two shares of its length, within `girth_mm` of it."""
     bone = end - start
@@ -153,5 +156,5 @@ def _of_foot(model: Model, mesh: Mesh, marks: Points, scale: float) -> Members:
         "sole_toes": sole & toes,
         "toes": toes & ~sole,
     }
-    instep = skin_disc(mesh, marks["instep_left"][None], 20.0 * scale)
+    instep = _disc(model, mesh, marks["instep_left"][None], 20.0 * scale)
     return {name: own[inside] for name, inside in places.items()} | {"instep": instep}

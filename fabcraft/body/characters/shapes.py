@@ -14,7 +14,8 @@ from jaxtyping import Float64
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-Point = tuple[float, float, float]
+Number = float | int
+Point = tuple[Number, Number, Number]
 
 UNTURNED: Point = (0.0, 0.0, 0.0)
 _SPANS = 3  # straight pieces between two given points of a limb
@@ -36,33 +37,41 @@ class Shape:
         return _length(points - self.centre) - self.radius
 
 
+def point(place: Point | np.ndarray) -> Float64[np.ndarray, "3"]:
+    """A point as an array."""
+    return np.array(place, dtype=np.float64)
+
+
 def ellipsoid(centre: Point, radii: Point, turn_deg: Point = UNTURNED) -> Shape:
     """An ellipsoid; `turn_deg` turns it about x, then y, then z."""
     axes = Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix() / np.array(radii)
-    middle, inverse = np.array(centre), 1.0 / np.array(radii)
+    middle, inverse = point(centre), 1.0 / np.array(radii)
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = (points - middle) @ axes
         k, slope = _length(local), _length(local * inverse)
         return np.where(slope > 1e-9, k * (k - 1.0) / np.maximum(slope, 1e-9), -min(radii))
 
-    return Shape(distance, middle, max(radii))
+    return Shape(distance, middle, float(max(radii)))
 
 
-def ball(centre: Point, radius: float) -> Shape:
+def ball(centre: Point, radius: Number) -> Shape:
     """A ball."""
-    middle = np.array(centre)
-    return Shape(lambda points: _length(points - middle) - radius, middle, radius)
+    middle = point(centre)
+    return Shape(lambda points: _length(points - middle) - radius, middle, float(radius))
 
 
-def limb(points: Sequence[Point], radii: Sequence[float]) -> Shape:
+def limb(points: Sequence[Point], radii: Sequence[Number]) -> Shape:
     """A round tube through `points`, curved where there are more than two, with a radius at each."""
     spans = _SPANS if len(points) > 2 else 1
-    places, widths = _curve(np.array(points, dtype=np.float64), spans), _curve(np.array(radii), spans)
+    places, widths = (
+        _curve(np.array(points, dtype=np.float64), spans),
+        _curve(np.array(radii, dtype=np.float64), spans),
+    )
     return joined(0.0, *map(_round_cone, places[:-1], places[1:], widths[:-1], widths[1:]))
 
 
-def crease(shape: Shape, points: Sequence[Point], radius: float) -> Shape:
+def crease(shape: Shape, points: Sequence[Point], radius: Number) -> Shape:
     """A tube along the surface of `shape` below or above a curve through `points`; carved off, it leaves a groove."""
     places, _ = _on_surface(shape, _curve(np.array(points, dtype=np.float64), 2 * _SPANS))
     return joined(
@@ -70,7 +79,7 @@ def crease(shape: Shape, points: Sequence[Point], radius: float) -> Shape:
     )
 
 
-def thorn(shape: Shape, near: Point, radius: float, height: float) -> Shape:
+def thorn(shape: Shape, near: Point, radius: Number, height: Number) -> Shape:
     """A blunt cone that stands square on the surface of `shape`, at the place nearest to `near`."""
     (foot,), (normal,) = _on_surface(shape, np.array([near], dtype=np.float64))
     root, tip = foot - 0.4 * radius * normal, foot + (height - 0.4 * radius) * normal
@@ -95,7 +104,7 @@ def _on_surface(
     return points, normals
 
 
-def _round_cone(a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float) -> Shape:
+def _round_cone(a: np.ndarray, b: np.ndarray, radius_a: Number, radius_b: Number) -> Shape:
     """The hull of two balls."""
     length = float(np.linalg.norm(b - a))
     axis = (b - a) / length
@@ -110,12 +119,12 @@ def _round_cone(a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float) 
         foot = np.clip(along - across * less / side, 0.0, length) if side > 0.0 else np.full(len(along), 0.0)
         return np.hypot(across, along - foot) - (radius_a - foot * (less / length))
 
-    return Shape(distance, 0.5 * (a + b), 0.5 * length + max(radius_a, radius_b))
+    return Shape(distance, 0.5 * (a + b), 0.5 * length + float(max(radius_a, radius_b)))
 
 
-def box(centre: Point, half: Point, rounding: float, narrowing: float = 0.0) -> Shape:
+def box(centre: Point, half: Point, rounding: Number, narrowing: Number = 0.0) -> Shape:
     """A box with edges rounded by `rounding`; its half width in x shrinks by the share `narrowing` to the top."""
-    middle = np.array(centre)
+    middle = point(centre)
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = points - middle
@@ -127,9 +136,9 @@ def box(centre: Point, half: Point, rounding: float, narrowing: float = 0.0) -> 
     return Shape(distance, middle, float(np.linalg.norm(half)))
 
 
-def drum(centre: Point, radius: float, half_height: float, rounding: float) -> Shape:
+def drum(centre: Point, radius: Number, half_height: Number, rounding: Number) -> Shape:
     """An upright cylinder with rounded rims."""
-    middle = np.array(centre)
+    middle = point(centre)
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         local = points - middle
@@ -139,13 +148,13 @@ def drum(centre: Point, radius: float, half_height: float, rounding: float) -> S
     return Shape(distance, middle, float(np.hypot(radius, half_height)))
 
 
-def _rounded(outside: Float64[np.ndarray, "N K"], rounding: float) -> Float64[np.ndarray, " N"]:
+def _rounded(outside: Float64[np.ndarray, "N K"], rounding: Number) -> Float64[np.ndarray, " N"]:
     """Distance to a box shrunk by `rounding`, from the excess along each axis, then grown again."""
     beyond = _length(np.maximum(outside, 0.0))
     return beyond + np.minimum(outside.max(1), 0.0) - rounding
 
 
-def joined(blend: float, *shapes: Shape) -> Shape:
+def joined(blend: Number, *shapes: Shape) -> Shape:
     """The union, each shape melting into the ones before it over about `blend`."""
     middle = 0.5 * (
         np.min([shape.centre - shape.radius for shape in shapes], axis=0)
@@ -163,7 +172,7 @@ def joined(blend: float, *shapes: Shape) -> Shape:
     return Shape(distance, middle, radius + 0.25 * blend)
 
 
-def carved(blend: float, shape: Shape, *cutters: Shape) -> Shape:
+def carved(blend: Number, shape: Shape, *cutters: Shape) -> Shape:
     """`shape` without the cutters, the edges softened over about `blend`."""
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
@@ -176,14 +185,14 @@ def carved(blend: float, shape: Shape, *cutters: Shape) -> Shape:
     return Shape(distance, shape.centre, shape.radius)
 
 
-def both_sides(shape: Shape, blend: float = 0.0) -> Shape:
+def both_sides(shape: Shape, blend: Number = 0.0) -> Shape:
     """The shape and its mirror image in the plane x = 0."""
     flip = np.array([-1.0, 1.0, 1.0])
     mirrored = Shape(lambda points: shape.distance(points * flip), shape.centre * flip, shape.radius)
     return joined(blend, shape, mirrored)
 
 
-def standing(shape: Shape, softness: float) -> Shape:
+def standing(shape: Shape, softness: Number) -> Shape:
     """`shape` cut off level at z = 0, to stand on; the rim of the cut is rounded over about `softness`."""
 
     def distance(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
@@ -193,7 +202,7 @@ def standing(shape: Shape, softness: float) -> Shape:
 
 
 def _smooth_min(
-    first: Float64[np.ndarray, " N"], second: Float64[np.ndarray, " N"], blend: float
+    first: Float64[np.ndarray, " N"], second: Float64[np.ndarray, " N"], blend: Number
 ) -> Float64[np.ndarray, " N"]:
     if blend <= 0.0:
         return np.minimum(first, second)

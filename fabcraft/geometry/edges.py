@@ -3,9 +3,11 @@
 Edge k of a face runs from its corner k to its corner k + 1.
 """
 
+from collections.abc import Callable
+
 import numpy as np
-from jaxtyping import Bool, Int, Int32, Int64
-from scipy.sparse import coo_matrix
+from jaxtyping import Bool, Float64, Int, Int32, Int64
+from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
 from fabcraft.mesh import Mesh
@@ -32,17 +34,34 @@ def components(faces: Int[np.ndarray, "F 3"]) -> Int32[np.ndarray, " F"]:
     return connected_components(incidence, directed=False)[1][: len(faces)].astype(np.int32)
 
 
-def split_edges(mesh: Mesh, longest_mm: float) -> Mesh:
-    """The same surface with no edge above `longest_mm`: longer ones are halved, without gaps."""
+def graph_laplacian(faces: Int[np.ndarray, "F 3"], count: int) -> csr_matrix:
+    """Degree minus adjacency of `count` vertices, (V, V): what one is away from the sum of its neighbours."""
+    edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    adjacent = coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
+    return (diags(np.asarray(adjacent.sum(1)).ravel()) - adjacent).tocsr()
+
+
+Length = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
+"""A length, mm, for every place."""
+
+
+def split_edges(mesh: Mesh, longest_mm: float | Length) -> Mesh:
+    """The same surface with no edge above `longest_mm`: longer ones are halved, without gaps.
+
+    longest_mm : one length, or a function of the edges' middles.
+    """
     while True:
         a, b = mesh.vertices[mesh.faces], mesh.vertices[np.roll(mesh.faces, -1, axis=1)]
-        long = np.linalg.norm(b - a, axis=2) > longest_mm
+        middles = 0.5 * (a + b).reshape(-1, 3)
+        limit = longest_mm(middles).reshape(-1, 3) if callable(longest_mm) else longest_mm
+        long = np.linalg.norm(b - a, axis=2) > limit
         if not long.any():
             return mesh
-        mesh = _halve(mesh, long)
+        mesh = halved(mesh, long)
 
 
-def _halve(mesh: Mesh, long: Bool[np.ndarray, "F 3"]) -> Mesh:
+def halved(mesh: Mesh, long: Bool[np.ndarray, "F 3"]) -> Mesh:
     """Faces cut into two, three or four at the middles of their `long` edges."""
     edges, counts = edge_uses(mesh.faces)
     first = np.zeros(len(counts), np.int64)
