@@ -113,7 +113,10 @@ def _inner_girth(size: str | float | None, needed_mm: float, for_knuckle: bool) 
 
 
 def _knuckle_mm(
-    part: Body, base: Float64[np.ndarray, "3"], joint: Float64[np.ndarray, "3"], last: Float64[np.ndarray, "3"]
+    part: Body,
+    base: Float64[np.ndarray, "3"],
+    joint: Float64[np.ndarray, "3"],
+    last: Float64[np.ndarray, "3"],
 ) -> float:
     """Girth of the finger at the joint after the seat."""
     before, after = joint - base, last - joint
@@ -142,20 +145,20 @@ def _profile(around: float, width: float, wall: float, bezel: float, taper: floa
 
 
 def _bezel(rolled: Rolled, width: float, height: float, scale: float) -> MotifFrame:
-    left, out, along = rolled.axes
+    left, _out, along = rolled.axes
     top = rolled.world(np.array([[0.0, 0.0, height]]))[0]
     return MotifFrame("bezel", top, -left, along, (11.0 * scale, max(width, 8.0 * scale)), 4.0 * scale)
 
 
-def _off(
-    part: Body, rolled: Rolled, joints: Sequence[Float64[np.ndarray, "3"]], width: float
-) -> DonningPath:
+def _off(part: Body, rolled: Rolled, joints: Sequence[Float64[np.ndarray, "3"]], width: float) -> DonningPath:
     """Along the finger, over the knuckle and past the tip, the last of `joints`."""
     *before, tip = joints
     end = tip + (width + 2.0) * (tip - before[-1]) / np.linalg.norm(tip - before[-1])
     line = middles(part.mesh, straight([rolled.origin, *before, end], _POSES), rolled.axes)
     gives = 0.0 if part.kind == "character" else _SKIN_GIVES_MM
-    return DonningPath(poses(along(part.mesh, line, rolled.axes), rolled.middle), gives, "the skin of the finger gives")
+    return DonningPath(
+        poses(along(part.mesh, line, rolled.axes), rolled.middle), gives, "the skin of the finger gives"
+    )
 
 
 KIND = Kind(
