@@ -98,7 +98,7 @@ def contact_findings(solid: Mesh, template: Template, relief: Relief) -> list[Fi
                     value=round(least, 2),
                     limit=region.never_closer_mm,
                     unit="mm",
-                    advice=f"It comes nearer to the {words} than was asked. Move the drawing (--up, --left), or ask for less.",
+                    advice=f"It comes nearer to the {words} than was asked. Move the drawing (--up, --left), or ask less.",
                 )
             )
         covered = _covered(name, template, relief) if name in template.contacts else np.zeros(0, dtype=bool)
@@ -158,6 +158,8 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
         contacts=np.concatenate(rest) if rest else None,
         gaps_mm=np.concatenate(gaps) if gaps else 0.0,
         donning=template.donning,
+        path=None if template.path is None else template.path.poses,
+        flex_mm=0.5 if template.path is None else template.path.allowed_mm,
     )
 
 

@@ -7,7 +7,7 @@ report inside a 3MF carries no times, memory or paths, so the same recipe gives 
 
 import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 from fabcraft.recipe import Recipe, recipe_toml
 from fabcraft.write.atomic import write_atomically
-from fabcraft.write.camera import VIEWS
+from fabcraft.write.camera import VIEWS, View, views_towards
 from fabcraft.write.files import checked_extension, write_mesh
 from fabcraft.write.landmarks import head_frame
 from fabcraft.write.maps import evolution_strip, penetration_map
@@ -87,7 +87,7 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
     files = (*recipe.output, *(str(path) for path in beside.values()))
     report = replace(made.report, files=files)
     pictures = _pictures(made, tell) if beside else {}
-    thumbnail = png_bytes(scene_picture([Item(made.object)], VIEWS["three_quarter"], (512, 512)))
+    thumbnail = png_bytes(scene_picture([Item(made.object)], _views(made)["three_quarter"], (512, 512)))
     jobs: list[tuple[Path, Callable[[], object]]] = []
     for path in map(Path, recipe.output):
         # what goes to the slicer lies on the bed; what goes to a viewer or a modeller stays on the body
@@ -141,10 +141,10 @@ def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dic
     head = made.template.body
     # a character is shown whole: its head alone would look cut off
     worn = [*wearer_items(made.body if head.kind == "character" else head), Item(made.object)]
-    frame = head_frame(head, made.object)
+    frame, views = head_frame(head, made.object), _views(made)
 
     def on_body(view: str) -> np.ndarray:
-        return scene_picture(worn, VIEWS[view], PORTRAIT, frame_on=frame)
+        return scene_picture(worn, views[view], PORTRAIT, frame_on=frame)
 
     def drawing() -> np.ndarray:
         from fabcraft.guidance.show import picture_of
@@ -156,9 +156,13 @@ def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dic
         "front": lambda: on_body("front"),
         "three-quarter": lambda: on_body("three_quarter"),
         "side": lambda: on_body("side"),
-        "back": lambda: scene_picture([Item(made.object)], VIEWS["back"], PORTRAIT),
+        "back": lambda: scene_picture([Item(made.object)], views["back"], PORTRAIT),
         "fit": lambda: penetration_map(
-            made.object, made.clearance_mm, VIEWS["back"], BESIDE_BAR, limit_mm=FIT_LIMIT_MM * made.template.scale
+            made.object,
+            made.clearance_mm,
+            views["back"],
+            BESIDE_BAR,
+            limit_mm=FIT_LIMIT_MM * made.template.scale,
         ),
         "contacts": lambda: contact_picture(head, made.template.contacts),
         "input": drawing,
@@ -177,6 +181,12 @@ def _pictures(made: "Made", tell: Callable[[str, int, int], None] | None) -> dic
     return pictures
 
 
+def _views(made: "Made") -> Mapping[str, View]:
+    """The views of the report; something with a motif is looked at from where the motif faces."""
+    motifs = made.template.motifs
+    return views_towards(motifs[0].outward) if motifs else VIEWS
+
+
 def _tell(tell: Callable[[str, int, int], None] | None, step: int, steps: int) -> None:
     if tell is not None:
         tell("pictures", step, steps)
@@ -192,4 +202,5 @@ def _evolution(made: "Made") -> np.ndarray:
     kept |= {"outline": "outline"} if "outline" in stages else {}
     kept |= {"relief, fitted to the body": names[-1]}
     meshes = [stages[name] for name in kept.values()]
-    return evolution_strip([*meshes, made.object], [*kept, "object"], size=(420, 480))
+    view = _views(made)["three_quarter"]
+    return evolution_strip([*meshes, made.object], [*kept, "object"], view=view, size=(420, 480))

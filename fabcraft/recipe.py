@@ -56,7 +56,7 @@ class Recipe:
     body_kind: str = ""
     """What a scan shows: head, hand, foot or body; found when left out."""
     body_up: str = ""
-    """Axis of a scan's file to the top of the head or leg, or out of the back of the hand: x, -x, y, ...; found if left out."""
+    """Axis of a scan's file to the top of the head or leg, or out of the back of the hand: x, -x, ...; found if left out."""
     body_front: str = ""
     """Axis of a scan's file that the face or toes look along, or that the fingers point along; found when left out."""
     body_landmarks: str = ""

@@ -14,9 +14,7 @@ from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
 
 TEMPLATES = {"mask", "glasses", "helmet", "visor", "necklace", "ring", "bangle", "slippers"}
-HEAD = (
-    "forehead nose_bridge nose_tip lips chin crown nape cheekbone_left eye_left nose_flank_left ear_root_left temple_left"
-)
+HEAD = "forehead nose_bridge nose_tip lips chin crown nape cheekbone_left eye_left nose_flank_left ear_root_left temple_left"
 LANDMARKS = (
     "vertex glabella sellion pronasale menton opisthocranion jugular_notch cervicale euryon_left zygion_left "
     "ear_root_top_left ear_tip_left ear_outermost_left tragion_left ear_root_back_left ear_root_low_left eye_left "
@@ -87,13 +85,17 @@ def test_every_landmark_is_there_on_the_skin_and_mirrored(name):
 @every
 def test_landmarks_are_where_their_names_say(name):
     at, mesh = made(name).landmarks, made(name).mesh
-    heights = [at[key][2] for key in ("vertex", "glabella", "sellion", "pronasale", "menton", "jugular_notch")]
+    heights = [
+        at[key][2] for key in ("vertex", "glabella", "sellion", "pronasale", "menton", "jugular_notch")
+    ]
     assert heights == sorted(heights, reverse=True)
     assert at["pronasale"][1] < at["opisthocranion"][1] - 40.0
     assert at["euryon_left"][0] > at["eye_left"][0]
     assert at["toe_tip_left"][1] < at["ball_medial_left"][1] < at["heel_left"][1]
     assert at["ball_medial_left"][0] < at["toe_tip_left"][0] < at["ball_lateral_left"][0]
-    assert max(at[key][2] for key in ("heel_left", "toe_tip_left", "ball_medial_left")) < 0.15 * mesh.size_mm[2]
+    assert (
+        max(at[key][2] for key in ("heel_left", "toe_tip_left", "ball_medial_left")) < 0.15 * mesh.size_mm[2]
+    )
     assert at["jugular_notch"][1] < at["cervicale"][1]
 
 
@@ -123,7 +125,10 @@ def test_regions_are_there_on_their_side_and_mirrored(name):
             assert (points[:, 0] > 0.0).all(), key
             mirrored = body.mesh.vertices[body.regions[other(key)].vertex_indices]
             assert {tuple(p) for p in (mirrored * MIRROR).tolist()} == {tuple(p) for p in points.tolist()}
-    assert body.mesh.vertices[body.regions["sole_heel_left"].vertex_indices, 2].max() < 0.05 * body.mesh.size_mm[2]
+    assert (
+        body.mesh.vertices[body.regions["sole_heel_left"].vertex_indices, 2].max()
+        < 0.05 * body.mesh.size_mm[2]
+    )
     eye = body.mesh.vertices[body.regions["eye_left"].vertex_indices].mean(0)
     assert np.linalg.norm(eye - body.landmarks["eye_left"]) < 0.08 * body.mesh.size_mm[2]
 
@@ -133,7 +138,8 @@ def test_its_parts_are_closed_and_hold_what_is_worn_there(name):
     body = made(name)
     held = {"head": HEAD.split(), "bust": ["collarbone_left", "nape_low", "throat", "forehead"]}
     held |= {"hand_left": ["wrist_left"], "hand_right": ["wrist_right"]}
-    held |= {f"foot_{side}": [f"{key}_{side}" for key in ("sole_heel", "sole_ball", "toes", "instep")] for side in ("left", "right")}
+    of_foot = ("sole_heel", "sole_ball", "toes", "instep")
+    held |= {f"foot_{side}": [f"{key}_{side}" for key in of_foot] for side in ("left", "right")}
     for which in PARTS:
         piece = part(name, which)
         solid = trimesh.Trimesh(piece.mesh.vertices, piece.mesh.faces, process=False)

@@ -28,7 +28,12 @@ def at(shape, *points):
 
 def closed(mesh):
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    return solid.is_watertight and solid.is_winding_consistent and solid.body_count == 1 and solid.euler_number == 2
+    return (
+        solid.is_watertight
+        and solid.is_winding_consistent
+        and solid.body_count == 1
+        and solid.euler_number == 2
+    )
 
 
 def test_a_ball_has_the_distance_to_its_centre_less_its_radius():
@@ -109,7 +114,9 @@ def test_a_crease_is_a_groove_in_the_surface_as_deep_as_its_radius():
 
 def test_a_thorn_stands_square_on_the_surface():
     tip = thorn(ball((0, 0, 0), 20), (0, 0, 30), 5, 9)
-    assert at(tip, (0, 0, 29), (0, 0, 27)) == pytest.approx([0.0, -2.0], abs=1e-6)  # its end is a ball of 2 mm
+    assert at(tip, (0, 0, 29), (0, 0, 27)) == pytest.approx(
+        [0.0, -2.0], abs=1e-6
+    )  # its end is a ball of 2 mm
 
 
 def test_what_stands_ends_at_the_ground():

@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-
 from masked import template
 
 from fabcraft.body.body import Body
@@ -38,7 +37,12 @@ def test_rows_are_read_from_toml_and_json_alike(tmp_path):
         Contact(region="forehead", weight=0.0),
         Contact(point=(1.0, 2.5, 3.0), name="scar", radius_mm=8.0, never_closer_mm=5.0),
     )
-    table = {"contact": [{"region": "forehead", "weight": 0}, {"point": [1, 2.5, 3], "name": "scar", "radius_mm": 8}]}
+    table = {
+        "contact": [
+            {"region": "forehead", "weight": 0},
+            {"point": [1, 2.5, 3], "name": "scar", "radius_mm": 8},
+        ]
+    }
     assert read_contacts(written(tmp_path, json.dumps(table), "contacts.json"))[0] == rows[0]
 
 
@@ -93,7 +97,9 @@ def test_a_row_changes_only_what_it_says():
 
 
 def test_a_point_becomes_a_region_round_it_that_is_kept_clear_of():
-    body = with_contacts(head(), (Contact(point="zygion_left", name="scar", radius_mm=12.0, never_closer_mm=5.0),))
+    body = with_contacts(
+        head(), (Contact(point="zygion_left", name="scar", radius_mm=12.0, never_closer_mm=5.0),)
+    )
     region = body.regions["scar"]
     away = np.linalg.norm(body.mesh.vertices[region.vertex_indices] - body.landmarks["zygion_left"], axis=1)
     assert len(region.vertex_indices) > 10
@@ -120,7 +126,9 @@ def test_what_cannot_be_laid_on_the_body_is_refused():
 
 def test_a_template_rests_on_its_own_regions_and_what_is_asked_besides():
     assert resting_on(head(), CONTACTS) == CONTACTS
-    body = with_contacts(head(), (Contact(region="nose_bridge", weight=0.0), Contact(region="chin", weight=1.0)))
+    body = with_contacts(
+        head(), (Contact(region="nose_bridge", weight=0.0), Contact(region="chin", weight=1.0))
+    )
     assert resting_on(body, CONTACTS) == ("forehead", "cheekbone_left", "cheekbone_right", "chin")
 
 

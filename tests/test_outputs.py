@@ -20,7 +20,7 @@ from fabcraft.errors import InputError
 from fabcraft.outputs import side_files, write_all
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe, recipe_of
-from fabcraft.write.landmarks import body_picture
+from fabcraft.write.bodies import body_picture
 from fabcraft.write.places import require_places, write_together
 from fabcraft.write.threemf import read_recipe, read_report
 

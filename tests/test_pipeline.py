@@ -13,10 +13,11 @@ from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import inflate
 from fabcraft.guidance.placement import PlacementSettings, place
 from fabcraft.judge import seat_findings
+from fabcraft.pipeline import make
 from fabcraft.read.image_file import read_image
 from fabcraft.recipe import Recipe
 from fabcraft.template.mask import mask
-from fabcraft.wearer import find_body, make
+from fabcraft.wearer import find_body
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -96,7 +96,9 @@ def skin_of(model: Any) -> Skin:
     labels = list(model.bone_labels)
     bones = [labels.index(bone) for bone in MIDDLE_BONES.values()]
     bones += [labels.index(f"{bone}.{side}") for bone in PAIRED_BONES.values() for side in "LR"]
-    matrix = _rows(kept, [mouth, *lids], [int(ball[template[ball, 1].argmin()]) for ball in balls], len(template))
+    matrix = _rows(
+        kept, [mouth, *lids], [int(ball[template[ball, 1].argmin()]) for ball in balls], len(template)
+    )
     fans = [
         np.stack([np.roll(loop, -1), loop, np.full(len(loop), len(kept) + index)], axis=1)
         for index, loop in enumerate([mouth, *lids])

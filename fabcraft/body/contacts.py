@@ -1,7 +1,7 @@
 """Contacts: where an object rests on a body, and what it keeps away from; from the body's rules or a user's file.
 
-By itself a template rests on regions that it names, by the rules that the body's regions carry.  A contact file changes that,
-row by row: other numbers for a region, or a place of its own, as TOML (or the same as JSON):
+By itself a template rests on regions that it names, by the rules that the body's regions carry.  A contact file changes
+that, row by row: other numbers for a region, or a place of its own, as TOML (or the same as JSON):
 
     [[contact]]
     region = "forehead"          # one of the body's: fabcraft bodies show BODY
@@ -37,7 +37,12 @@ from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 
 MAX_BYTES, MAX_ROWS = 1_000_000, 200
-RANGES = {"weight": (0.0, 10.0), "gap_mm": (0.0, 50.0), "never_closer_mm": (-1.0, 50.0), "radius_mm": (0.5, 150.0)}
+RANGES = {
+    "weight": (0.0, 10.0),
+    "gap_mm": (0.0, 50.0),
+    "never_closer_mm": (-1.0, 50.0),
+    "radius_mm": (0.5, 150.0),
+}
 """Least and greatest value of each number of a row."""
 RADIUS_MM, GAP_MM = 8.0, 1.0
 """Of a place of its own, when the row does not say; on a character they scale with it."""
@@ -74,7 +79,9 @@ def read_contacts(path: Path | str) -> tuple[Contact, ...]:
     rows = table.get("contact")
     if unknown or not isinstance(rows, list) or not rows:
         given = f"the key {unknown[0]!r}" if unknown else "no list of contacts"
-        raise InputError(f"{path.name} has {given}; rows called contact were expected", "Begin each with [[contact]].")
+        raise InputError(
+            f"{path.name} has {given}; rows called contact were expected", "Begin each with [[contact]]."
+        )
     if len(rows) > MAX_ROWS:
         raise InputError(f"{path.name} has {len(rows)} contacts", f"Give at most {MAX_ROWS}.")
     return tuple(_contact(row, f"{path.name}, contact {number}") for number, row in enumerate(rows, 1))
@@ -118,9 +125,7 @@ def resting_on(body: Body, usual: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in wanted if body.regions[name].weight > 0.0)
 
 
-def skin_disc(
-    mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: float
-) -> Int64[np.ndarray, " M"]:
+def skin_disc(mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: float) -> Int64[np.ndarray, " M"]:
     """Vertices within `radius_mm` of one of the points, and joined to it by skin; at least the nearest to each.
 
     Paths run along edges and so are up to a third longer than the way along the skin: they only keep out what lies across
@@ -146,15 +151,20 @@ def _table(path: Path) -> Mapping[str, Any]:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(
-                f"{path} is {path.stat().st_size:,} bytes; a contact file has a few hundred", "Check the path."
+                f"{path} is {path.stat().st_size:,} bytes; a contact file has a few hundred",
+                "Check the path.",
             )
         text = path.read_text("utf-8")
     except FileNotFoundError:
         raise InputError(f"there is no contact file {path}", "Check the path.") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path} is not text; contacts in TOML or JSON were expected", "Check the path.") from None
+        raise InputError(
+            f"{path} is not text; contacts in TOML or JSON were expected", "Check the path."
+        ) from None
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}", "Check the path and its permissions.") from None
+        raise InputError(
+            f"{path} cannot be read: {error.strerror}", "Check the path and its permissions."
+        ) from None
     try:
         table = tomllib.loads(text) if kind == ".toml" else json.loads(text)
     except (tomllib.TOMLDecodeError, json.JSONDecodeError, RecursionError) as error:
@@ -180,7 +190,9 @@ def _contact(row: Any, where: str) -> Contact:
     if bool(row.get("region")) == ("point" in row):
         raise InputError(f"{where}: one of region and point was expected", "Say where it is, in one way.")
     if row.get("region") and ("radius_mm" in row or "name" in row):
-        raise InputError(f"{where}: a region has its own size and name", "Leave out radius_mm and name, or give a point.")
+        raise InputError(
+            f"{where}: a region has its own size and name", "Leave out radius_mm and name, or give a point."
+        )
     for key, (low, high) in RANGES.items():
         value = row.get(key, low)
         if not _number(value) or not low <= value <= high:
@@ -190,7 +202,9 @@ def _contact(row: Any, where: str) -> Contact:
     if "point" in row and not isinstance(row["point"], str):
         point = row["point"]
         if not isinstance(point, list) or len(point) != 3 or not all(map(_number, point)):
-            raise InputError(f"{where}: point is {point!r}", "Give [x, y, z] in mm, or the name of a landmark.")
+            raise InputError(
+                f"{where}: point is {point!r}", "Give [x, y, z] in mm, or the name of a landmark."
+            )
         row = {**row, "point": tuple(float(value) for value in point)}
     return Contact(**row)
 
@@ -212,7 +226,9 @@ def _known(name: str, named: Mapping[str, Any], body: Body, kind: str) -> Any:
 
 def _place(row: Contact, body: Body, name: str) -> Region:
     """The skin round a point of the user's, to be kept clear of unless the row says otherwise."""
-    point = np.array(_known(row.point, body.landmarks, body, "landmark") if isinstance(row.point, str) else row.point)
+    point = np.array(
+        _known(row.point, body.landmarks, body, "landmark") if isinstance(row.point, str) else row.point
+    )
     radius_mm = row.radius_mm or RADIUS_MM
     away, vertex = cKDTree(body.mesh.vertices).query(point)
     longest = float(np.linalg.norm(np.diff(body.mesh.corners[:, [0, 1, 2, 0]], axis=1), axis=2).max())

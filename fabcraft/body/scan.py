@@ -135,7 +135,9 @@ def _estimated(landmarks: Mapping[str, np.ndarray], unsure: np.ndarray, size: fl
         return ()
     away = cKDTree(unsure).query(np.stack(list(landmarks.values())))[0]
     names = [name for name, distance in zip(landmarks, away, strict=True) if distance < 0.02 * size]
-    return (f"Estimated, since they were not scanned: {', '.join(names).replace('_', ' ')}.",) if names else ()
+    return (
+        (f"Estimated, since they were not scanned: {', '.join(names).replace('_', ' ')}.",) if names else ()
+    )
 
 
 def _marks(path: Path, settings: ScanSettings, model: HumanModel) -> dict[str, np.ndarray]:

@@ -90,7 +90,7 @@ def find(
         }
         chosen = sorted(guesses, key=first.__getitem__)[:3]
         chosen = [guess for guess in chosen if first[guess] < _CLOSE_SECOND * first[chosen[0]]]
-    fits = []
+    fits: list[tuple[Guess, tuple[PartFit, Surface]]] = []
     for guess in chosen:
         if (
             fits

@@ -48,6 +48,8 @@ class Worn:
     """Largest contact rms that still sits well."""
     donning: tuple[float, float, float] | None = None
     """The straight way off the body (a mask: 0, -1, 0); None: not checked."""
+    path: np.ndarray | None = None
+    """(K, 4, 4) poses of the object from its seat outwards, instead of a straight way."""
     flex_mm: float = 0.5
     """What material and skin give on the way."""
     eyes: np.ndarray | None = None
@@ -233,7 +235,10 @@ def _wear(mesh: Mesh, worn: Worn, ledger: _Ledger) -> None:
         )
 
     def path() -> None:
-        donning = wear.measure_donning(mesh, worn.body, worn.donning or (0.0, -1.0, 0.0), worn.flex_mm)
+        if worn.path is not None:
+            donning = wear.measure_path(mesh, worn.body, worn.path, worn.flex_mm)
+        else:
+            donning = wear.measure_donning(mesh, worn.body, worn.donning or (0.0, -1.0, 0.0), worn.flex_mm)
         ledger.metrics |= {"donnable": donning.donnable, "donning_pen_max_mm": donning.pen_max_mm}
         ledger.findings += wear.donning_findings(donning)
 
@@ -243,7 +248,7 @@ def _wear(mesh: Mesh, worn: Worn, ledger: _Ledger) -> None:
         ledger.findings += wear.sight_findings(sights)
 
     ledger.run("fit", seat)
-    if worn.donning is not None:
+    if worn.donning is not None or worn.path is not None:
         ledger.run("donning", path)
     if worn.eyes is not None and len(worn.eyes):
         ledger.run("sight", sight)

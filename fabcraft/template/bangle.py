@@ -124,7 +124,9 @@ def diameter_mm(size: str | float) -> float:
     if isinstance(size, int | float):
         return float(size)
     name = size.strip().upper()
-    return (asked({FOLDED_HAND: name if name.startswith("IN") else f"IN{name}"})[0].mm + BANGLE_PLAY_MM) / np.pi
+    return (
+        asked({FOLDED_HAND: name if name.startswith("IN") else f"IN{name}"})[0].mm + BANGLE_PLAY_MM
+    ) / np.pi
 
 
 def _wrist(
@@ -135,7 +137,9 @@ def _wrist(
     axes = facing((knuckles if soft else tip) - bone, back - palm)
     scale = girth(part.mesh, bone, axes[2]).length_mm / WRIST_MM
     width = float(chosen.get("width", WIDTH_MM * scale))
-    room = -float(((part.mesh.vertices - bone) @ axes[2]).min()) - 0.5 * width - 1.0  # up to where the part was cut off
+    room = (
+        -float(((part.mesh.vertices - bone) @ axes[2]).min()) - 0.5 * width - 1.0
+    )  # up to where the part was cut off
     origin = bone - min(_ABOVE_WRIST_MM * scale, room) * axes[2]
     if soft:
         origin, axes = centred(part.mesh, origin, axes, 8.0 * scale)
@@ -143,7 +147,17 @@ def _wrist(
     places = np.linspace(-0.5 * width, 0.5 * width, _SECTIONS)
     oval = Oval.holding([station(part.mesh, origin + at * axes[2], axes).oval for at in places])
     return _Wrist(
-        part, folded, bone, knuckles, tip, origin, axes, oval, scale, width, float(chosen.get("thickness", natural))
+        part,
+        folded,
+        bone,
+        knuckles,
+        tip,
+        origin,
+        axes,
+        oval,
+        scale,
+        width,
+        float(chosen.get("thickness", natural)),
     )
 
 
@@ -250,7 +264,9 @@ def _open(wrist: _Wrist, chosen: Mapping[str, float | str], edge: float) -> _Mad
     across = (wrist.oval.length + _OVER_WRIST_MM * wrist.scale) / np.pi
     gives = _FLEX * across + (_SKIN_GIVES_MM if wrist.soft else 0.0)
     if size is None:  # more round about a wrist that is flat and hard, or it could not be turned
-        across += 2.0 * max(0.0, _turning(narrow, wrist.oval) - 0.5 * (across - wrist.oval.length / np.pi) - gives)
+        across += 2.0 * max(
+            0.0, _turning(narrow, wrist.oval) - 0.5 * (across - wrist.oval.length / np.pi) - gives
+        )
     else:
         across = diameter_mm(size)
     clearance = 0.5 * (across - wrist.oval.length / np.pi)
@@ -290,7 +306,8 @@ def _narrowest(wrist: _Wrist) -> tuple[float, Oval]:
     reach = np.arange(-half, steps[-1] + half + 1e-9, 2.0 * wrist.scale)
     ovals = [station(wrist.part.mesh, wrist.origin + at * wrist.axes[2], wrist.axes).oval for at in reach]
     under = [
-        Oval.holding([one for one, at in zip(ovals, reach, strict=True) if abs(at - step) <= half]) for step in steps
+        Oval.holding([one for one, at in zip(ovals, reach, strict=True) if abs(at - step) <= half])
+        for step in steps
     ]
     best = int(np.argmin([oval.width(0.5 * np.pi) for oval in under]))
     return float(steps[best]), under[best]
@@ -315,22 +332,24 @@ def _cuff(rolled: Rolled, wrist: _Wrist, gap: float, edge: float) -> tuple[Mesh,
     right = np.concatenate([corner[::-1] * [1.0, -1.0], corner])
     outline = np.concatenate([right, right[::-1] * [-1.0, 1.0]])[::-1]
     rim = 0.45 * wrist.wall
-    flat = plate([outline], wrist.wall, [Rim(rim, rim)], edge / (1.0 + np.pi * wrist.wall / rolled.oval.length))
+    flat = plate(
+        [outline], wrist.wall, [Rim(rim, rim)], edge / (1.0 + np.pi * wrist.wall / rolled.oval.length)
+    )
     places = flat.points.copy()
     share = places[:, 2] / wrist.wall
     places[:, 2] += _CROWN * wrist.wall * share * (1.0 - (places[:, 1] / half) ** 2)
     return Mesh(rolled.world(places), flat.faces, KIND.name), (share < 0.5 + 1e-9)[flat.faces].all(1)
 
 
-def _turned_off(
-    wrist: _Wrist, rolled: Rolled, slide_mm: float, narrow: Oval
-) -> Float64[np.ndarray, "K 4 4"]:
+def _turned_off(wrist: _Wrist, rolled: Rolled, slide_mm: float, narrow: Oval) -> Float64[np.ndarray, "K 4 4"]:
     """The cuff slides to where the wrist is thinnest, turns by a quarter so that its gap faces the narrow side, and leaves."""
     path = np.tile(np.eye(4), (_TURNS + _STEPS, 1, 1))
     middle, (across, out, axis) = rolled.middle, wrist.axes
     reach = rolled.oval.width(0.0) + 2.0 * wrist.wall + 10.0
     ends = rolled.world(np.array([[0.5 * rolled.oval.length, 0.0, 0.0]]))[0] - middle
-    thick_middle = 0.5 * (narrow.support[len(narrow.support) // 4] - narrow.support[3 * len(narrow.support) // 4])
+    thick_middle = 0.5 * (
+        narrow.support[len(narrow.support) // 4] - narrow.support[3 * len(narrow.support) // 4]
+    )
     # turned by a quarter, the middle of the gap comes to lie at ends . across along the second axis
     aside = thick_middle - (middle - wrist.origin) @ out - ends @ across
     for index in range(len(path)):

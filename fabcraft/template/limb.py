@@ -67,9 +67,7 @@ def straight(waypoints: Sequence[Float64[np.ndarray, "3"]], count: int) -> Float
     return PchipInterpolator(knots, corners)(np.linspace(0.0, knots[-1], count))
 
 
-def middles(
-    mesh: Mesh, bones: Float64[np.ndarray, "K 3"], axes: Axes
-) -> Float64[np.ndarray, "K 3"]:
+def middles(mesh: Mesh, bones: Float64[np.ndarray, "K 3"], axes: Axes) -> Float64[np.ndarray, "K 3"]:
     """The line through the middles of the sections of a limb, led along its `bones`, which seldom lie in the middle.
 
     It begins at the first of them in the direction of the axes; past the tip it goes straight on.
@@ -84,7 +82,9 @@ def middles(
     step = float(np.linalg.norm(bones[1] - bones[0]))
     before = found[0] - step * axes[2] * np.arange(_RUN_UP, 0, -1)[:, None]
     last = found[-1] - found[-min(4, len(found))]
-    beyond = found[-1] + step * last / np.linalg.norm(last) * np.arange(1, len(bones) + 1 - len(found))[:, None]
+    beyond = (
+        found[-1] + step * last / np.linalg.norm(last) * np.arange(1, len(bones) + 1 - len(found))[:, None]
+    )
     line = gaussian_filter1d(np.concatenate([before, np.stack(found), beyond]), 2.0, axis=0, mode="nearest")
     line[_RUN_UP] = found[0]
     return line[_RUN_UP:]
@@ -136,7 +136,9 @@ def loft(stations: Sequence[Station], name: str) -> Mesh:
     count, size = rings.shape[:2]
     ring, at = np.meshgrid(np.arange(count - 1), np.arange(size), indexing="ij")
     here, beside = ring * size + at, ring * size + (at + 1) % size
-    sides = np.stack([np.stack([here, beside, beside + size], -1), np.stack([here, beside + size, here + size], -1)])
+    sides = np.stack(
+        [np.stack([here, beside, beside + size], -1), np.stack([here, beside + size, here + size], -1)]
+    )
     around = np.arange(size)
     caps = [
         np.stack([np.roll(around, -1), around, np.full(size, count * size)], 1),

@@ -2,9 +2,10 @@
 
 Both faces are triangulated in the plane; between them rows of points follow every outline over its rounded edges, each row
 half a step ahead of the one before, so that edges are as smooth as the outlines.  Places are (u, v, w): u and v in the
-plane, w from 0 on the inner face to the thickness on the outer one; whoever uses it rolls or lays the plane where it belongs.
+plane, w from 0 on the inner face to the thickness on the outer one; whoever uses it rolls or lays the plane in place.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,7 +41,7 @@ class Rim:
         if deep > 0.0:
             wall = [(0.0, high), (0.0, middle + deep), (deep, middle), (0.0, middle - deep), (0.0, low)]
         rows = [_arc(self.outer_mm, edge_mm)[:-1] * [1.0, -1.0] + [0.0, thickness_mm]]
-        for start, end in zip(wall[:-1], wall[1:], strict=True):
+        for start, end in itertools.pairwise(wall):
             way = float(np.hypot(end[0] - start[0], end[1] - start[1]))
             if way > 1e-6:
                 count = max(1, round(way / (_HEIGHT * edge_mm)))
@@ -84,7 +85,7 @@ def plate(
     count = len(outer.points) + len(inner.points)
     for index, one in enumerate(rows):
         before = outer_loops[index]
-        for row, following in zip(one[:-1], one[1:], strict=True):
+        for row, following in itertools.pairwise(one):
             if following is one[-1]:
                 after = inner_loops[index] + len(outer.points)
             else:
@@ -182,7 +183,8 @@ def _strip(
         second_shares = np.append(second_shares, second_shares[0] + 1.0)
     order = np.argsort(np.concatenate([first_shares[1:], second_shares[1:]]), kind="stable")
     on_first = order < len(first) - 1
-    i, j = np.cumsum(on_first) - on_first, np.cumsum(~on_first) - ~on_first
+    i: np.ndarray = np.cumsum(on_first) - on_first
+    j: np.ndarray = np.cumsum(~on_first) - ~on_first
     third = np.where(
         on_first, first[np.minimum(i + 1, len(first) - 1)], second[np.minimum(j + 1, len(second) - 1)]
     )

@@ -72,7 +72,13 @@ def build(body: Body, settings: Settings) -> Template:
         locked=locked,
         motifs=(_bezel(rolled, width, wall + bezel, scale),),
         listed_mm=(gap, gap + 0.2),
-        parameters={"width": width, "thickness": wall, "bezel": bezel, "size": oval.length, "knuckle": knuckle_mm},
+        parameters={
+            "width": width,
+            "thickness": wall,
+            "bezel": bezel,
+            "size": oval.length,
+            "knuckle": knuckle_mm,
+        },
         notes=(note,),
     )
 
@@ -99,7 +105,9 @@ def _over_the_finger(
         return found, girth
     away = np.array([np.linalg.norm(one.middle - found[knuckle].middle) for one in found])
     more = max(0.0, float(taped) / girth - 1.0) * np.exp(-((away / (0.08 * girth)) ** 2))
-    larger = [Station(one.origin, one.axes, one.oval.scaled(1.0 + m)) for one, m in zip(found, more, strict=True)]
+    larger = [
+        Station(one.origin, one.axes, one.oval.scaled(1.0 + m)) for one, m in zip(found, more, strict=True)
+    ]
     return tuple(larger), max(girth, float(taped))
 
 
@@ -122,7 +130,9 @@ def _inside(
     steepest = float(np.clip(-slope, 0.0, _STEEPEST))
     way = Oval.holding([one.oval.moved(-one.oval.middle) for one in over[1:]]).grown(-gives)
     for taper in (steepest, 0.5 * steepest, 0.0):
-        seat = Oval.holding([oval.grown(taper * at) for oval, at in zip(ovals, places, strict=True)]).grown(gap)
+        seat = Oval.holding([oval.grown(taper * at) for oval, at in zip(ovals, places, strict=True)]).grown(
+            gap
+        )
         needed = way.grown(taper * half).moved(seat.middle)
         if (seat.support >= needed.support).all():
             return seat, taper

@@ -43,6 +43,21 @@ class View:
         return np.stack([right, np.cross(towards, right), towards])
 
 
+def views_towards(outward: Float64[np.ndarray, "3"]) -> Mapping[str, View]:
+    """The views that every report shows, turned so that the front one looks at what faces `outward`."""
+    x, y, z = outward / np.linalg.norm(outward)
+    azimuth = float(np.degrees(np.arctan2(x, -y))) if np.hypot(x, y) > 1e-6 else 0.0
+    elevation = float(np.degrees(np.arcsin(np.clip(z, -1.0, 1.0))))
+    lifted = float(np.clip(elevation + 12.0, -80.0, 80.0))
+    return {
+        "front": View(azimuth, elevation),
+        "three_quarter": View(azimuth + 35.0, lifted),
+        "side": View(azimuth + 90.0),
+        "back": View(azimuth + 180.0, -elevation),
+        "top": View(azimuth, min(elevation + 90.0, 90.0)),
+    }
+
+
 VIEWS: Mapping[str, View] = MappingProxyType(
     {
         "front": View(0.0),

@@ -52,5 +52,9 @@ def contact_picture(body: Body, resting: Sequence[str]) -> np.ndarray:
     """The head from the front and from three quarters with its contacts in colour."""
     items = wearer_items(body, contact_colours(body, resting))[:1]
     frame = head_frame(body)
-    views = [scene_picture(items, VIEWS[name], PORTRAIT, frame_on=frame) for name in ("front", "three_quarter")]
-    return labelled(contact_sheet(views, columns=2), "green: it rests here      amber: it keeps clear of this")
+    views = [
+        scene_picture(items, VIEWS[name], PORTRAIT, frame_on=frame) for name in ("front", "three_quarter")
+    ]
+    return labelled(
+        contact_sheet(views, columns=2), "green: it rests here      amber: it keeps clear of this"
+    )

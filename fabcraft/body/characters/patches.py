@@ -48,7 +48,9 @@ def regions(
 
     mesh, marks, joints : as it is modelled; scales : size of head, hand and foot there over a median man's.
     """
-    members = _of_face(model, mesh, marks, scales["head"]) | _of_skull_and_neck(model, mesh, marks, scales["head"])
+    members = _of_face(model, mesh, marks, scales["head"]) | _of_skull_and_neck(
+        model, mesh, marks, scales["head"]
+    )
     members |= _of_hand(model, mesh, joints, scales["hand"]) | _of_foot(model, mesh, marks, scales["foot"])
     opposite = cKDTree(mesh.vertices).query(mesh.vertices * [-1.0, 1.0, 1.0])[1]
     found = {}

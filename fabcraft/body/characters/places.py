@@ -6,6 +6,7 @@ are where a person's would be: around the place where the side piece of glasses 
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -21,7 +22,11 @@ Rays = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]
 """(a point inside, unit direction) by name."""
 
 _LEFT, _BACK, _UP = np.eye(3)
-_EAR_ROOT = {"ear_root_back": (0.0, 0.10, -0.11), "ear_root_low": (0.0, 0.0, -0.23), "tragion": (0.0, -0.07, -0.09)}
+_EAR_ROOT = {
+    "ear_root_back": (0.0, 0.10, -0.11),
+    "ear_root_low": (0.0, 0.0, -0.23),
+    "tragion": (0.0, -0.07, -0.09),
+}
 """From the top of the ear's root, in shares of the head's height: a median man's."""
 
 
@@ -46,7 +51,7 @@ def joints(model: Model) -> Points:
     arm, foot = model.arm, model.foot
     along, back = hand_axes(model)
     inner, outer = _hand_edges(model, np.cross(back, along))
-    left = {"lowerarm": arm.elbow, "wrist": arm.wrist, "finger2_1": inner, "finger5_1": outer}
+    left: dict[str, Any] = {"lowerarm": arm.elbow, "wrist": arm.wrist, "finger2_1": inner, "finger5_1": outer}
     left |= {"metacarpal4": point(arm.wrist) + 0.25 * (outer - point(arm.wrist))}
     if arm.fingers is not None:
         base, knuckle, tip = map(point, arm.fingers[1])

@@ -6,6 +6,7 @@ Formulas after Quilez, "Distance functions" (iquilezles.org); the smooth union i
 the surface by up to a quarter of `blend`.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -74,9 +75,7 @@ def limb(points: Sequence[Point], radii: Sequence[Number]) -> Shape:
 def crease(shape: Shape, points: Sequence[Point], radius: Number) -> Shape:
     """A tube along the surface of `shape` below or above a curve through `points`; carved off, it leaves a groove."""
     places, _ = _on_surface(shape, _curve(np.array(points, dtype=np.float64), 2 * _SPANS))
-    return joined(
-        0.0, *[_round_cone(a, b, radius, radius) for a, b in zip(places[:-1], places[1:], strict=True)]
-    )
+    return joined(0.0, *[_round_cone(a, b, radius, radius) for a, b in itertools.pairwise(places)])
 
 
 def thorn(shape: Shape, near: Point, radius: Number, height: Number) -> Shape:

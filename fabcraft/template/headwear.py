@@ -1,0 +1,155 @@
+"""The head as the maker of hats and helmets sees it: its middle, its section without the ears, its size.
+
+Round the head, the azimuth is 0 in front and pi behind, alike on both sides.  What is worn is symmetric to x = 0.
+Hat sizes name the head's circumference: S, M, L in steps of 20 mm; continental sizes in cm; in the United States the
+diameter of the circle with that circumference, in inches, in Britain an eighth less.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
+
+from fabcraft.body.body import Body
+from fabcraft.errors import InputError
+from fabcraft.template.template import DonningPath
+
+Points = Float64[np.ndarray, "N 3"]
+
+LANDMARKS = ("glabella", "opisthocranion", "menton", "eye_left", "eye_right", "ear_tip_left", "tragion_left")
+HEAD_MM = 200.0
+"""Length of a median man's head (ANSUR II), which the numbers of helmets and visors are made for."""
+_LETTERS = {"XS": 530.0, "S": 550.0, "M": 570.0, "L": 590.0, "XL": 610.0, "XXL": 630.0}
+_INCH = 25.4
+_STEPS = 180
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Head:
+    """The part of a body that wears it, and its measures."""
+
+    part: Body
+    middle: Float64[np.ndarray, "3"]
+    """Between glabella and opisthocranion, in the plane x = 0, mm."""
+    scale: float
+    """Its size over a median man's."""
+    ears: tuple[float, float]
+    """Azimuths between which an ear stands."""
+
+    def azimuth(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """0 in front, pi behind."""
+        away = points - self.middle
+        return np.arctan2(np.abs(away[:, 0]), -away[:, 1])
+
+    def at(self, landmark: str) -> Float64[np.ndarray, "3"]:
+        """A landmark of the wearer, mm."""
+        return self.part.landmarks[landmark]
+
+    def skin(self, over: "Line", ears: bool = False) -> Points:
+        """The skin above a line round the head, with or without the ears."""
+        vertices = self.part.mesh.vertices
+        keep = over.above(vertices) > 0.0
+        if not ears:
+            for name in ("ear_left", "ear_right"):
+                if name in self.part.regions:
+                    keep[self.part.regions[name].vertex_indices] = False
+        return vertices[keep]
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line round the head: a height for every azimuth."""
+
+    head: Head
+    height: CubicSpline
+    """z, mm, over the azimuth."""
+
+    @staticmethod
+    def through(head: Head, knots: Sequence[tuple[float, float]], soften: float) -> "Line":
+        """A smooth line near (azimuth, z), level in front and behind, without overshoot.
+
+        soften : sigma, in radians, of what rounds its bends.
+        """
+        azimuths, heights = zip(*knots, strict=True)
+        line = PchipInterpolator(
+            [-azimuths[1], *azimuths, 2.0 * np.pi - azimuths[-2]], [heights[1], *heights, heights[-2]]
+        )
+        half = line(np.linspace(0.0, np.pi, _STEPS + 1))
+        around = gaussian_filter1d(np.append(half, half[-2:0:-1]), soften / np.pi * _STEPS, mode="wrap")
+        turn = np.linspace(0.0, 2.0 * np.pi, 2 * _STEPS + 1)
+        return Line(head, CubicSpline(turn, np.append(around, around[0]), bc_type="periodic"))
+
+    def lowered(self, by_mm: float) -> "Line":
+        """The line moved down."""
+        return Line(
+            self.head, CubicSpline(self.height.x, self.height(self.height.x) - by_mm, bc_type="periodic")
+        )
+
+    def above(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """How far points are above the line, mm; square to it where it slopes."""
+        azimuth = self.head.azimuth(points)
+        radius = np.hypot(*(points - self.head.middle)[:, :2].T)
+        steep = self.height(azimuth, 1) / np.maximum(radius, 0.3 * HEAD_MM * self.head.scale)
+        return (points[:, 2] - self.height(azimuth)) / np.sqrt(1.0 + steep**2)
+
+
+def head_of(part: Body) -> Head:
+    """The measures of a head part with the landmarks `LANDMARKS`."""
+    marks = part.landmarks
+    middle = 0.5 * (marks["glabella"] + marks["opisthocranion"]) * [0.0, 1.0, 1.0]
+    length = float(marks["opisthocranion"][1] - marks["glabella"][1])
+    head = Head(part, middle, part.scale if part.kind == "character" else length / HEAD_MM, (0.0, 0.0))
+    names = [f"{place}_left" for place in ("ear_tip", "ear_root_back", "tragion", "ear_outermost")]
+    stand = [marks[name] for name in names if name in marks]
+    if "ear_left" in part.regions:
+        stand.extend(part.mesh.vertices[part.regions["ear_left"].vertex_indices])
+    azimuths = head.azimuth(np.array(stand))
+    return Head(part, middle, head.scale, (float(azimuths.min()), float(azimuths.max())))
+
+
+def hat_mm(size: float | str) -> float:
+    """Circumference that a hat size names: a number is the circumference in mm, "M", "EU 57", "US 7 1/8", "UK 7".
+
+    Raises `InputError` for another name.
+    """
+    if isinstance(size, int | float):
+        return float(size)
+    name = size.strip().upper()
+    if name in _LETTERS:
+        return _LETTERS[name]
+    match = re.fullmatch(r"(EU|US|UK) ?(\d{1,2}(?:\.\d{1,3})?)(?: ([1-7])/([248]))?", name)
+    if match is None:
+        raise InputError(
+            f"there is no hat size '{size}'", 'Write "M", "EU 57", "US 7 1/8", or the circumference in mm.'
+        )
+    number = float(match[2]) + (int(match[3]) / int(match[4]) if match[3] else 0.0)
+    if match[1] == "EU":
+        return 10.0 * number
+    return np.pi * _INCH * (number + (0.125 if match[1] == "UK" else 0.0))
+
+
+def lifted_off(part: Body, rim: Points, axis: Float64[np.ndarray, "3"], why: str) -> DonningPath:
+    """The way off along `axis`, from the seat until everything of the rim is past the head, denser near the seat."""
+    travel = float((part.mesh.vertices @ axis).max() - (rim @ axis).min()) + 5.0
+    poses = np.tile(np.eye(4), (36, 1, 1))
+    poses[:, :3, 3] = travel * np.linspace(0.0, 1.0, len(poses))[:, None] ** 1.6 * axis
+    return DonningPath(poses, 0.3, why)
+
+
+def least_facing_axis(part: Body, names: Sequence[str]) -> Float64[np.ndarray, "3"]:
+    """The upward direction in the plane x = 0 along which the places `names` of the skin are least undercut.
+
+    It has the largest least cosine with their normals, within 20 degrees of upright.
+    """
+    normals = part.mesh.vertex_normals
+    facing = [normals[part.regions[name].vertex_indices].mean(0) for name in names if name in part.regions]
+    tilts = np.radians(np.arange(-20.0, 20.5, 1.0))
+    axes = np.stack([0.0 * tilts, np.sin(tilts), np.cos(tilts)], axis=1)
+    if not facing:
+        return _UP
+    return axes[int(np.argmax((axes @ np.array(facing).T).min(1)))]
