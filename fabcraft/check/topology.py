@@ -214,7 +214,8 @@ def _crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
     if len(faces) == 0:
         return np.zeros(0, dtype=bool)
     meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+    # at the origin, where coordinates keep most digits: neighbours in one plane would seem to cross far from it
+    meshes.add_mesh(pymeshlab.Mesh(vertices - vertices.mean(0), faces.astype(np.int32)))
     meshes.compute_selection_by_self_intersections_per_face()
     return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
 

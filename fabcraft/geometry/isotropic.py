@@ -170,9 +170,7 @@ def _positive_half(mesh: Mesh) -> Mesh:
         pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
         pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
     faces = np.concatenate(pieces).astype(np.int32)
-    return Mesh(np.concatenate([vertices, cuts]), faces, mesh.name).submesh(
-        np.ones(len(faces), dtype=bool)
-    )
+    return Mesh(np.concatenate([vertices, cuts]), faces, mesh.name).submesh(np.ones(len(faces), dtype=bool))
 
 
 def _reflected(half: Mesh, near_mm: float) -> Mesh:

@@ -19,10 +19,9 @@ from fabcraft.body.tape import girth
 from fabcraft.errors import InputError
 from fabcraft.geometry.oval import Oval, angles
 from fabcraft.mesh import Mesh
-from fabcraft.template.band import Profile, closed_band
+from fabcraft.template.band import Profile, closed_band, open_band
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.limb import Axes, Station, along, centred, facing, loft, poses, station, straight
-from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 
@@ -287,7 +286,9 @@ def _open(wrist: _Wrist, chosen: Mapping[str, float | str], edge: float) -> _Mad
             f"open by {flex:.1f} mm each",
             f"Choose a gap of {needed:.1f} mm or more.",
         )
-    mesh, locked = _cuff(rolled, wrist, gap, edge)
+    mesh, locked = open_band(
+        rolled, (wrist.width, wrist.wall), gap, 0.45 * wrist.wall, _CROWN * wrist.wall, edge, KIND.name
+    )
     why = f"each end springs open by {flex:.1f} mm" + ("" if gives == flex else " and the skin gives")
     return _Made(
         mesh,
@@ -320,29 +321,8 @@ def _turning(narrow: Oval, around: Oval) -> float:
     return max(float((still - np.roll(turned, shift)).max()) for shift in range(0, quarter + 1, 6))
 
 
-def _cuff(rolled: Rolled, wrist: _Wrist, gap: float, edge: float) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
-    """A plate with round ends, rolled; the gap is the distance between its ends."""
-    u = np.linspace(0.25, 0.5, 400) * rolled.oval.length
-    ends = [rolled.world(np.column_stack([side * u, 0 * u, 0 * u])) for side in (-1.0, 1.0)]
-    apart = np.linalg.norm(ends[1] - ends[0], axis=1)
-    long = float(u[len(u) - 1 - np.argmax((apart > gap)[::-1])])
-    half, round_ = 0.5 * wrist.width, 0.45 * wrist.width
-    turn = np.linspace(0.0, 0.5 * np.pi, 60)
-    corner = np.stack([long - round_ * (1.0 - np.cos(turn)), half - round_ * (1.0 - np.sin(turn))], 1)
-    right = np.concatenate([corner[::-1] * [1.0, -1.0], corner])
-    outline = np.concatenate([right, right[::-1] * [-1.0, 1.0]])[::-1]
-    rim = 0.45 * wrist.wall
-    flat = plate(
-        [outline], wrist.wall, [Rim(rim, rim)], edge / (1.0 + np.pi * wrist.wall / rolled.oval.length)
-    )
-    places = flat.points.copy()
-    share = places[:, 2] / wrist.wall
-    places[:, 2] += _CROWN * wrist.wall * share * (1.0 - (places[:, 1] / half) ** 2)
-    return Mesh(rolled.world(places), flat.faces, KIND.name), (share < 0.5 + 1e-9)[flat.faces].all(1)
-
-
 def _turned_off(wrist: _Wrist, rolled: Rolled, slide_mm: float, narrow: Oval) -> Float64[np.ndarray, "K 4 4"]:
-    """The cuff slides to where the wrist is thinnest, turns by a quarter so that its gap faces the narrow side, and leaves."""
+    """The cuff slides to where the wrist is thinnest, turns by a quarter so that its gap faces the narrow side, and goes."""
     path = np.tile(np.eye(4), (_TURNS + _STEPS, 1, 1))
     middle, (across, out, axis) = rolled.middle, wrist.axes
     reach = rolled.oval.width(0.0) + 2.0 * wrist.wall + 10.0
