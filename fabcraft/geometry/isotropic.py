@@ -27,6 +27,8 @@ _MOST_LOST = 0.1
 """A closed surface whose volume changes by a larger share is no longer the same shape."""
 _OFF_PLANE = 0.15
 """Before it is cut in the plane of symmetry, a surface's vertices are moved off it by this share of an edge."""
+_LEAST_SHARE = 0.5
+"""Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
 _FACES_USED = 1.5
 """Faces that remeshing starts from, over those that it makes."""
 _OVERLAP = 1.4
@@ -66,8 +68,11 @@ def isotropic(
             "Repair it first (fabcraft solid).",
         )
     even = given
-    for length_mm, chosen in _passes(given, edge_mm, finer):
+    passes = _passes(given, edge_mm, finer)
+    for length_mm, chosen in passes:
         even = _remeshed(even, length_mm, crease_deg, rounds, chosen)
+    if len(passes) > 1:  # a seam between two passes keeps what short edges the surface had there
+        even = _remeshed(even, _LEAST_SHARE * passes[-1][0], crease_deg, 2, None, split=False)
     # a half that ends in the plane x = 0 encloses a volume with it, as its cap adds nothing to the divergence
     closed = mirrored or not bordered
     lost = closed and abs(even.volume_mm3 - given.volume_mm3) > _MOST_LOST * abs(given.volume_mm3)
@@ -118,7 +123,7 @@ def _passes(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> list[tuple[flo
     return [(length, near(length)) for length in edge_mm * step ** np.arange(halvings + 1)]
 
 
-def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen) -> Mesh:
+def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True) -> Mesh:
     """One run of MeshLab's filter over the chosen faces."""
     try:
         import pymeshlab
@@ -136,6 +141,7 @@ def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen
         featuredeg=crease_deg,
         checksurfdist=False,
         selectedonly=chosen is not None,
+        splitflag=split,
     )
     meshes.meshing_remove_unreferenced_vertices()
     result = meshes.current_mesh()

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from fabcraft.body.body import Body
-from fabcraft.body.measures import head_circumference_mm
 from fabcraft.body.region import Region
 from fabcraft.errors import InputError
 from fabcraft.geometry.flips import towards
@@ -35,6 +34,8 @@ _DOME, _WITHIN = 0.42, 0.96
 """Least height of a character's helmet over the mean of its rim, over its breadth; size of the dome over the head's."""
 _HOLLOW_MM = 2.5
 """Skin that lies deeper than this under the hull of the head is not rested on."""
+_DEEPEST = 5.0
+"""How far pads may reach in, over the room between head and shell."""
 _BEAD = 0.4
 """How much thicker than the wall the rim is, as a share."""
 _FRONT_RADIUS_MM = 90.0
@@ -134,14 +135,14 @@ class _Shell:
 def build(body: Body, settings: Settings) -> Template:
     """The helmet for `body`.  Raises `InputError` for a body without a free upper head and for a size that is too small."""
     chosen = KIND.settled(settings)
-    part = KIND.part(body, "head", LANDMARKS)
-    head = head_of(part)
+    part, at = KIND.worn(body, "head", LANDMARKS)
+    head = head_of(part, at)
     s = head.scale
     usual = WALL_MM if part.kind != "character" else max(LEAST_WALL_MM, 0.02 * float(part.mesh.size_mm[2]))
     wall, brim = float(chosen.get("wall", usual)), float(chosen.get("brim", BRIM_MM * s))
     fit = chosen.get("fit", "padded")
     room = part.clearance_mm(ROOM_MM[fit]) if isinstance(fit, str) else float(fit)
-    windowed, own = bool(chosen.get("window", 0.0)), head_circumference_mm(part)
+    windowed, own = bool(chosen.get("window", 0.0)), head.round_mm
     size = _size(chosen.get("size"), own)
 
     rim = _rim(head, chosen, windowed)
@@ -151,21 +152,23 @@ def build(body: Body, settings: Settings) -> Template:
     covered = head.middle + (covered - head.middle) * [size / own, size / own, 1.0]
     worn = covered
     covered, notes = _domed(head, rim, worn)
-    tight = Convex.around(np.concatenate([covered, covered - float(part.mesh.size_mm[2]) * axis]), mirrored=True)
+    down = float(part.mesh.size_mm[2]) * axis
+    tight = Convex.around(np.concatenate([worn, worn - down]), mirrored=True)
+    shape = tight if covered is worn else Convex.around(np.concatenate([covered, covered - down]), mirrored=True)
     under = covered - float(np.ptp(covered[:, 2])) * axis
     bounds = np.stack([np.minimum(covered, under).min(0), covered.max(0)])
     bounds[0, 2] = covered[:, 2].min()
     bounds += np.array([[-1.0], [1.0]]) * (room + wall + brim + 8.0 * s)
-    distance = blurred(tight, bounds, _BLUR_MM * s, 7.0 * s, mirrored=True)
+    distance = blurred(shape, bounds, _BLUR_MM * s, 7.0 * s, mirrored=True)
     depths = distance(worn)
     level = float(max(np.median(depths) + room, depths.max() + 0.5 * room) if padded else depths.max() + room)
     shell = _Shell(head, tight, distance, level, rim, wall, brim)
     if windowed:
-        low, high = head.at("stomion")[2] - 14.0 * s, head.at("glabella")[2] + 14.0 * s
+        low, high = head.at["stomion"][2] - 14.0 * s, head.at["glabella"][2] + 14.0 * s
         shell = replace(shell, window=_Window(head, low, high, 1.05))
-    pads = _pads(shell)
+    pads = _pads(shell, room)
     if padded:
-        shell = replace(shell, pads=tuple(pads.values()), deep=room + depths.max() - depths.min() + 3.0 * s, gap=part.clearance_mm(PAD_GAP_MM) + 0.15 * s)
+        shell = replace(shell, pads=tuple(pads.values()), deep=(_DEEPEST + 0.5) * room, gap=part.clearance_mm(PAD_GAP_MM) + 0.15 * s)
 
     edge = EDGE_MM * s
     least = min(max(0.36 * edge, 0.45 * wall), edge)
@@ -196,7 +199,7 @@ def build(body: Body, settings: Settings) -> Template:
         parameters={
             "size": size, "fit": room, "wall": wall, "brim": brim, "pads": float(padded), "window": float(windowed)
         },
-        notes=(*notes, f"The helmet is for a head of {size:.0f} mm round: EU {size / 10:.1f}, US {size / np.pi / 25.4:.2f}.",),
+        notes=(*notes, f"The helmet is for a head of {size:.0f} mm round: hat size {size / 10:.1f}, US {size / np.pi / 25.4:.2f}.",),
     )
 
 
@@ -220,7 +223,7 @@ def _size(size: float | str | None, own: float) -> float:
     if asked < own - 1.0:
         raise InputError(
             f"a helmet for a head of {asked:.0f} mm round was asked, but this one has {own:.0f} mm",
-            f"Choose EU {np.ceil(own / 10):.0f} ({10 * np.ceil(own / 10):.0f} mm) or larger.",
+            f"Choose hat{np.ceil(own / 10):.0f} ({10 * np.ceil(own / 10):.0f} mm) or larger.",
         )
     return asked
 
@@ -233,12 +236,12 @@ def _rim(head: Head, chosen: Settings, windowed: bool) -> Line:
         return float(chosen.get(name, usual * s))
 
     if windowed:
-        chin, low = head.at("menton")[2] - 8.0 * s, head.at("opisthocranion")[2] - mm("nape", 80.0)
+        chin, low = head.at["menton"][2] - 8.0 * s, head.at["opisthocranion"][2] - mm("nape", 80.0)
         return Line.through(head, [(0.0, chin), (0.7, chin), (np.pi - 0.7, low), (np.pi, low)], 0.3)
     first, last = head.ears[0] - 0.1, head.ears[1] + 0.1
-    front = head.at("glabella")[2] + mm("brow", BROW_MM)
-    side = head.at("ear_tip_left")[2] + mm("over_ears", OVER_EARS_MM)
-    back = head.at("opisthocranion")[2] - mm("nape", NAPE_MM)
+    front = head.at["glabella"][2] + mm("brow", BROW_MM)
+    side = head.at["ear_tip_left"][2] + mm("over_ears", OVER_EARS_MM)
+    back = head.at["opisthocranion"][2] - mm("nape", NAPE_MM)
     if "ear_left" not in head.part.regions and "over_ears" not in chosen:  # nothing stands out that it must leave free
         back = 0.5 * (front + back)
         side = 0.5 * (front + back)
@@ -247,7 +250,7 @@ def _rim(head: Head, chosen: Settings, windowed: bool) -> Line:
     )
 
 
-def _pads(shell: _Shell) -> dict[str, _Pad]:
+def _pads(shell: _Shell, room: float) -> dict[str, _Pad]:
     """A pad before every place that it can rest on, moved up along the skin where the rim would cut it."""
     part, s = shell.head.part, shell.head.scale
     vertices, normals, above = part.mesh.vertices, part.mesh.vertex_normals, -shell.beyond(part.mesh.vertices)
@@ -259,7 +262,8 @@ def _pads(shell: _Shell) -> dict[str, _Pad]:
         middle = middle + max(1.1 * radius * s + float(shell.beyond(middle[None])[0]), 0.0) * _UP
         off = np.linalg.norm(vertices - middle, axis=1) + 1e3 * (above < radius * s)
         near = int(off.argmin())
-        if shell.tight(vertices[near][None])[0] > -_HOLLOW_MM * s:
+        foot = vertices[near][None]
+        if shell.tight(foot)[0] > -max(_HOLLOW_MM * s, 1.5) and shell.within(foot)[0] > -_DEEPEST * room:
             pads[name] = _Pad(vertices[near], normals[near], radius * s)
     return pads
 
@@ -300,7 +304,7 @@ KIND = Kind(
     "helmet",
     build,
     (
-        Parameter("size", "mm", 120.0, 750.0, "circumference of the head, or a hat size (M, EU 57, US 7 1/8)"),
+        Parameter("size", "mm", 120.0, 750.0, "circumference of the head, or a hat size (M, hat57, US 7 1/8)"),
         Parameter("fit", "mm", 0.4, 15.0, "room between head and shell: 6 with pads, 3 for a show piece", tuple(ROOM_MM)),
         Parameter("wall", "mm", 1.6, 8.0, "thickness of the shell"),
         Parameter("brim", "mm", 0.0, 25.0, "how far the rim stands out"),
