@@ -123,7 +123,9 @@ def _passes(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> list[tuple[flo
     return [(length, near(length)) for length in edge_mm * step ** np.arange(halvings + 1)]
 
 
-def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True) -> Mesh:
+def _remeshed(
+    mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True
+) -> Mesh:
     """One run of MeshLab's filter over the chosen faces."""
     try:
         import pymeshlab
@@ -176,9 +178,7 @@ def _positive_half(mesh: Mesh) -> Mesh:
         pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
         pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
     faces = np.concatenate(pieces).astype(np.int32)
-    return Mesh(np.concatenate([vertices, cuts]), faces, mesh.name).submesh(
-        np.ones(len(faces), dtype=bool)
-    )
+    return Mesh(np.concatenate([vertices, cuts]), faces, mesh.name).submesh(np.ones(len(faces), dtype=bool))
 
 
 def _reflected(half: Mesh, near_mm: float) -> Mesh:

@@ -9,13 +9,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from fabcraft.body.body import Body
 from fabcraft.body.sizes import asked
 from fabcraft.body.tape import girth
+from fabcraft.errors import InputError
+from fabcraft.geometry.implicit import slope
+from fabcraft.geometry.voxels import Field
+from fabcraft.mesh import Mesh
+from fabcraft.template.catalogue import Settings
 from fabcraft.template.template import DonningPath
 
 Points = Float64[np.ndarray, "N 3"]
@@ -23,6 +28,7 @@ Points = Float64[np.ndarray, "N 3"]
 LANDMARKS = ("glabella", "opisthocranion", "menton", "eye_left", "eye_right", "ear_tip_left", "tragion_left")
 HEAD_MM = 200.0
 """Length of a median man's head (ANSUR II), which the numbers of helmets and visors are made for."""
+LEAST_WALL_MM = 1.6
 _LETTERS = {"XS": 530.0, "S": 550.0, "M": 570.0, "L": 590.0, "XL": 610.0, "XXL": 630.0}
 _STEPS = 180
 _UP = np.array([0.0, 0.0, 1.0])
@@ -48,6 +54,11 @@ class Head:
         """0 in front, pi behind."""
         away = points - self.middle
         return np.arctan2(np.abs(away[:, 0]), -away[:, 1])
+
+    def sized(self, points: Points, round_mm: float) -> Points:
+        """Points of the head on one that is `round_mm` round."""
+        wider = round_mm / self.round_mm
+        return self.middle + (points - self.middle) * [wider, wider, 1.0]
 
     def skin(self, over: "Line", ears: bool = False) -> Points:
         """The skin above a line round the head, with or without the ears."""
@@ -75,7 +86,9 @@ class Line:
         soften : sigma, in radians, of what rounds its bends.
         """
         azimuths, heights = zip(*knots, strict=True)
-        line = PchipInterpolator([-azimuths[1], *azimuths, 2.0 * np.pi - azimuths[-2]], [heights[1], *heights, heights[-2]])
+        line = PchipInterpolator(
+            [-azimuths[1], *azimuths, 2.0 * np.pi - azimuths[-2]], [heights[1], *heights, heights[-2]]
+        )
         half = line(np.linspace(0.0, np.pi, _STEPS + 1))
         around = gaussian_filter1d(np.append(half, half[-2:0:-1]), soften / np.pi * _STEPS, mode="wrap")
         turn = np.linspace(0.0, 2.0 * np.pi, 2 * _STEPS + 1)
@@ -83,7 +96,9 @@ class Line:
 
     def lowered(self, by_mm: float) -> "Line":
         """The line moved down."""
-        return Line(self.head, CubicSpline(self.height.x, self.height(self.height.x) - by_mm, bc_type="periodic"))
+        return Line(
+            self.head, CubicSpline(self.height.x, self.height(self.height.x) - by_mm, bc_type="periodic")
+        )
 
     def above(self, points: Points) -> Float64[np.ndarray, " N"]:
         """How far points are above the line, mm; square to it where it slopes."""
@@ -107,7 +122,9 @@ def head_of(part: Body, at: Mapping[str, Float64[np.ndarray, "3"]]) -> Head:
     eyes = 0.5 * (at["eye_left"] + at["eye_right"])[2]
     # as people measure a head: the largest level girth, 30 to 60 mm above the eyes of a grown head
     top = float(part.mesh.vertices[:, 2].max())
-    heights = np.minimum(eyes + np.arange(30.0, 61.0, 6.0) * scale, 0.2 * eyes + 0.8 * top)  # flat heads end below
+    heights = np.minimum(
+        eyes + np.arange(30.0, 61.0, 6.0) * scale, 0.2 * eyes + 0.8 * top
+    )  # flat heads end below
     levels = [middle * [1.0, 1.0, 0.0] + height * _UP for height in np.unique(heights)]
     round_mm = max(girth(part.mesh, level, _UP).length_mm for level in levels)
     return replace(head, ears=(float(azimuths.min()), float(azimuths.max())), round_mm=round_mm)
@@ -125,6 +142,32 @@ def hat_mm(size: float | str) -> float:
     if fraction:
         name = f"{fraction[1]}{int(fraction[2]) + int(fraction[3]) / int(fraction[4]):g}"
     return asked({"head": name.replace(" ", "")})[0].mm
+
+
+def fitting_mm(head: Head, size: float | str | None, kind: str) -> float:
+    """Circumference that a `kind` is made for: the head's own, or the size that was asked.
+
+    Raises `InputError` for a size that is too small for the head.
+    """
+    wanted = head.round_mm if size is None else hat_mm(size)
+    if wanted < head.round_mm - 1.0:
+        raise InputError(
+            f"a {kind} for a head of {wanted:.0f} mm round was asked, but this one has {head.round_mm:.0f} mm",
+            f"Choose hat{np.ceil(head.round_mm / 10):.0f} ({10 * np.ceil(head.round_mm / 10):.0f} mm) or larger.",
+        )
+    return wanted
+
+
+def wall_mm(head: Head, chosen: Settings, person_mm: float) -> float:
+    """The wall that was asked, or the usual one: a character's is 2 % of its head."""
+    by_size = max(LEAST_WALL_MM, 0.02 * float(head.part.mesh.size_mm[2]))
+    return float(chosen.get("wall", by_size if head.part.kind == "character" else person_mm))
+
+
+def inner_faces(mesh: Mesh, distance: Field) -> Bool[np.ndarray, " F"]:
+    """Faces that look at the head, whose `distance` grows outward."""
+    outward = slope(distance, mesh.corners.mean(1), 0.5)
+    return np.einsum("ij,ij->i", mesh.face_normals, outward) < -0.2
 
 
 def lifted_off(part: Body, rim: Points, axis: Float64[np.ndarray, "3"], why: str) -> DonningPath:
@@ -147,4 +190,3 @@ def least_facing_axis(part: Body, names: Sequence[str]) -> Float64[np.ndarray, "
     if not facing:
         return _UP
     return axes[int(np.argmax((axes @ np.array(facing).T).min(1)))]
-
