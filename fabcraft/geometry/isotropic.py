@@ -150,35 +150,40 @@ def _remeshed(
     return Mesh(result.vertex_matrix(), result.face_matrix().astype(np.int32), mesh.name)
 
 
+def clipped(mesh: Mesh, values: Float64[np.ndarray, " V"]) -> Mesh:
+    """What of the surface has positive `values`, linear over its faces, with a border where they are zero."""
+    signed = np.where(values < 0.0, np.minimum(values, -1e-12), np.maximum(values, 1e-12))  # no vertex on the border
+    ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    ends = ends[signed[ends[:, 0]] * signed[ends[:, 1]] < 0.0].astype(np.int64)
+    share = (signed[ends[:, 0]] / (signed[ends[:, 0]] - signed[ends[:, 1]]))[:, None]
+    cuts = (1.0 - share) * mesh.vertices[ends[:, 0]] + share * mesh.vertices[ends[:, 1]]
+    code = ends @ [len(signed), 1]
+
+    def cut(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
+        return len(signed) + np.searchsorted(code, low * len(signed) + high)
+
+    inside = signed > 0.0
+    pieces = [mesh.faces[inside[mesh.faces].all(1)]]
+    for corner in range(3):
+        a, b, c = mesh.faces[:, np.roll(np.arange(3), -corner)].T
+        lone, pair = inside[a] & ~inside[b] & ~inside[c], ~inside[a] & inside[b] & inside[c]
+        pieces.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
+        pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
+        pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
+    faces = np.concatenate(pieces).astype(np.int32)
+    return Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name).submesh(slice(None))
+
+
 def _positive_half(mesh: Mesh) -> Mesh:
     """What of the surface lies at x > 0, with a border in the plane x = 0."""
     vertices = np.array(mesh.vertices)
     x = vertices[:, 0]
     kept = mesh.corners[(x[mesh.faces] > 0.0).any(1)]
-    # no vertex on the plane or next to it: every face is cut or not, and no cut leaves a needle
+    # no vertex next to the plane: no cut leaves a needle
     off = _OFF_PLANE * float(np.linalg.norm(kept - np.roll(kept, 1, axis=1), axis=2).mean())
     x[:] = np.where(np.abs(x) < off, np.where(x < 0.0, -off, off), x)
-    ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    ends = ends[x[ends[:, 0]] * x[ends[:, 1]] < 0.0].astype(np.int64)
-    share = (x[ends[:, 0]] / (x[ends[:, 0]] - x[ends[:, 1]]))[:, None]
-    cuts = (1.0 - share) * vertices[ends[:, 0]] + share * vertices[ends[:, 1]]
-    cuts[:, 0] = 0.0
-    code = ends @ [len(x), 1]
-
-    def cut(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
-        return len(x) + np.searchsorted(code, low * len(x) + high)
-
-    pieces = [mesh.faces[(x[mesh.faces] > 0.0).all(1)]]
-    for corner in range(3):
-        a, b, c = mesh.faces[:, np.roll(np.arange(3), -corner)].T
-        lone = (x[a] > 0.0) & (x[b] < 0.0) & (x[c] < 0.0)
-        pair = (x[a] < 0.0) & (x[b] > 0.0) & (x[c] > 0.0)
-        pieces.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
-        pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
-        pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
-    faces = np.concatenate(pieces).astype(np.int32)
-    return Mesh(np.concatenate([vertices, cuts]), faces, mesh.name).submesh(np.ones(len(faces), dtype=bool))
+    return clipped(mesh.with_vertices(vertices), x)
 
 
 def _reflected(half: Mesh, near_mm: float) -> Mesh:
@@ -186,8 +191,8 @@ def _reflected(half: Mesh, near_mm: float) -> Mesh:
     directed = half.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     pairs, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     vertices = np.array(half.vertices)
-    rim = np.unique(pairs[count == 1])
-    rim = rim[np.abs(vertices[rim, 0]) < near_mm]  # other borders of an open surface may lie anywhere
+    seam = pairs[count == 1]
+    rim = np.unique(seam[(np.abs(vertices[seam, 0]) < near_mm).all(1)])  # other borders may end at the plane
     vertices[rim, 0] = 0.0
     image = np.arange(len(vertices)) + len(vertices)
     image[rim] = rim

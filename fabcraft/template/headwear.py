@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
@@ -17,9 +17,6 @@ from fabcraft.body.body import Body
 from fabcraft.body.sizes import asked
 from fabcraft.body.tape import girth
 from fabcraft.errors import InputError
-from fabcraft.geometry.implicit import slope
-from fabcraft.geometry.voxels import Field
-from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Settings
 from fabcraft.template.template import DonningPath
 
@@ -162,12 +159,6 @@ def wall_mm(head: Head, chosen: Settings, person_mm: float) -> float:
     """The wall that was asked, or the usual one: a character's is 2 % of its head."""
     by_size = max(LEAST_WALL_MM, 0.02 * float(head.part.mesh.size_mm[2]))
     return float(chosen.get("wall", by_size if head.part.kind == "character" else person_mm))
-
-
-def inner_faces(mesh: Mesh, distance: Field) -> Bool[np.ndarray, " F"]:
-    """Faces that look at the head, whose `distance` grows outward."""
-    outward = slope(distance, mesh.corners.mean(1), 0.5)
-    return np.einsum("ij,ij->i", mesh.face_normals, outward) < -0.2
 
 
 def lifted_off(part: Body, rim: Points, axis: Float64[np.ndarray, "3"], why: str) -> DonningPath:

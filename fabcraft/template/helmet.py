@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from fabcraft.body.body import Body
-from fabcraft.geometry.flips import towards
-from fabcraft.geometry.implicit import met, round_wall, settled, skin, slope
-from fabcraft.geometry.isotropic import isotropic
+from fabcraft.geometry.implicit import met, slope
+from fabcraft.geometry.walled import Wall, walled
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.headwear import (
     LANDMARKS,
@@ -22,7 +21,6 @@ from fabcraft.template.headwear import (
     Points,
     fitting_mm,
     head_of,
-    inner_faces,
     least_facing_axis,
     lifted_off,
     wall_mm,
@@ -87,13 +85,20 @@ class _Shell:
         steep = 6.0 * self.brim / reach * share * (1.0 - share)
         return (self.lining.within(points) - flare) / np.sqrt(1.0 + steep**2)
 
-    def __call__(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """Signed distance, about."""
-        beyond, within = self.beyond(points), self.within(points)
-        bead = _BEAD * self.wall * np.exp(-0.5 * (np.minimum(beyond, 0.0) / (1.2 * self.wall)) ** 2)
+    def outer(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance outward from the outer side, which thickens to a bead at the edges."""
+        bead = np.exp(-0.5 * (np.minimum(self.beyond(points), 0.0) / (1.2 * self.wall)) ** 2)
+        return self.within(points) - self.wall * (1.0 + _BEAD * bead)
+
+    def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance inward from the inner side and its pads."""
         share = np.max([np.zeros(len(points)), *(pad.share(points) for pad in self.pads)], axis=0)
-        outer, inner = within - self.wall - bead, -self.lining.padded(points, within, share, self.wall)
-        return round_wall(0.5 * (outer - inner), beyond, -0.5 * (outer + inner))
+        clear = np.clip((-self.beyond(points) / (PADS_MM["nape"] * self.rim.head.scale) - 0.1) / 0.5, 0.0, 1.0)
+        return -self.lining.padded(points, self.within(points), share * clear, self.wall)
+
+    def middle(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance outward from the middle of the wall."""
+        return self.within(points) - 0.5 * self.wall
 
 
 def build(body: Body, settings: Settings) -> Template:
@@ -109,14 +114,11 @@ def build(body: Body, settings: Settings) -> Template:
     rim = _rim(head, chosen, windowed)
     # from over the ears up no part of a face is in the way: the axis may lean to where brow and nape need it
     axis = _UP if windowed else least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right"))
-    worn = head.skin(
-        rim.lowered(0.6 * (room + wall)), ears=windowed
-    )  # the rounded rim reaches below its line
-    worn = head.middle + (worn - head.middle) * [size / head.round_mm, size / head.round_mm, 1.0]
-    dome = _dome(rim, worn) if part.kind == "character" else None
-    bounds = covered_bounds(
-        worn if dome is None else np.vstack([worn, dome]), axis, room + wall + brim + 8.0 * s
-    )
+    # the rounded rim reaches below its line
+    worn = head.skin(rim.lowered(0.6 * (room + wall)), ears=windowed)
+    sized = head.sized(worn, size)
+    dome = _dome(rim, sized) if part.kind == "character" else sized[:0]
+    bounds = covered_bounds(np.vstack([sized, dome]), axis, room + wall + brim + 8.0 * s)
     promised, gap = pad_gap_mm(head)
     lining = Lining.around(worn, axis, room, gap, _BLUR_MM * s, bounds, 0.5 if padded else 1.0, sized, dome)
     shell = _Shell(lining, rim, wall, brim)
@@ -128,14 +130,8 @@ def build(body: Body, settings: Settings) -> Template:
         shell = replace(shell, pads=tuple(pads.values()))
 
     edge = EDGE_MM * s
-    least = min(max(0.36 * edge, 0.45 * wall), edge)
-
-    def finer(points: Points) -> Float64[np.ndarray, " N"]:
-        return least + 0.5 * np.maximum(-shell.beyond(points) - 0.8 * wall, 0.0)
-
-    mesh = skin(shell, bounds, 0.45 * edge, mirrored=True, name=KIND.name)
-    mesh = settled(isotropic(mesh, edge, finer=finer, mirrored=True, rounds=6), shell, 0.5 * least)
-    mesh = towards(mesh, shell, 0.03 * least)
+    wall_of = Wall(shell.middle, shell.beyond, shell.outer, shell.inner)
+    mesh, inside = walled(wall_of, bounds, edge, min(0.5 * edge, wall), mirrored=True, name=KIND.name)
     contacts = resting(part, pads)
     domed = ("The helmet is domed over the head and leaves room where that is flat.",) if len(dome) else ()
     return Template(
@@ -150,7 +146,7 @@ def build(body: Body, settings: Settings) -> Template:
         edge_mm=edge,
         donning=tuple(axis.tolist()),
         path=lifted_off(part, mesh.vertices, axis, "a rigid shell; hair and skin give a little"),
-        locked=inner_faces(mesh, lining.distance),
+        locked=inside,
         mirrored=True,
         motifs=_motifs(shell),
         listed_mm=(promised if padded else room, room),
@@ -219,10 +215,10 @@ def _pads(shell: _Shell) -> dict[str, Pad]:
 def _motifs(shell: _Shell) -> tuple[MotifFrame, ...]:
     """In front over the rim (or over the window), and on top with the wearer's face at its lower edge."""
     head, s = shell.rim.head, shell.rim.head.scale
-    top = met(shell, head.middle, _UP, 300.0 * s)
+    top = met(shell.outer, head.middle, _UP, 300.0 * s)
     low = float(shell.rim.height(0.0)) if shell.window is None else shell.window.high
     room = float(top[2]) - low
-    brow = met(shell, head.middle * [0.0, 1.0, 0.0] + (low + 0.42 * room) * _UP, -_BACK, 300.0 * s)
+    brow = met(shell.outer, head.middle * [0.0, 1.0, 0.0] + (low + 0.42 * room) * _UP, -_BACK, 300.0 * s)
     out = slope(shell.lining.distance, brow[None], 0.5)[0]
     height = min(50.0 * s, 0.8 * room)
     return (

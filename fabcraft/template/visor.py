@@ -8,12 +8,13 @@ wall 2.5.  Conventions of makers.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from fabcraft.body.body import Body
-from fabcraft.geometry.flips import towards
-from fabcraft.geometry.implicit import met, round_wall, settled, skin, smooth_union
-from fabcraft.geometry.isotropic import isotropic
+from fabcraft.body.region import Region
+from fabcraft.geometry.implicit import met, smooth_common, smooth_union
+from fabcraft.geometry.walled import Wall, walled
+from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.headwear import (
     LANDMARKS,
@@ -21,7 +22,6 @@ from fabcraft.template.headwear import (
     Points,
     fitting_mm,
     head_of,
-    inner_faces,
     lifted_off,
     wall_mm,
 )
@@ -40,7 +40,9 @@ HALF_BREADTH_MM = 80.0
 """Of a median man's head."""
 _ROUNDED = 2.2
 """Exponent of the brim's outline; 2 is an ellipse."""
-_FILLET_MM, _CORNER_MM = 5.0, 12.0
+_FILLET_MM, _CORNER_MM = 12.0, 9.0
+_UNDER = 1.2
+"""How far the brim starts under the band, in walls."""
 _LEFT, _BACK, _UP = np.eye(3)
 
 
@@ -67,19 +69,6 @@ class _Visor:
         """Over the middle of the band, along the axis."""
         return (points - self.middle) @ self.axis
 
-    def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """How far points are past an edge of the band."""
-        half = 0.5 * self.band
-        up = np.abs(self.height(points)) - half
-        if not self.open:
-            return up
-        radius = np.hypot(*(points - self.head.middle)[:, :2].T)
-        corner = min(_CORNER_MM * self.head.scale, half)
-        behind = radius * (self.head.azimuth(points) - (np.pi - self.open)) + corner
-        up = up + corner
-        outside = np.hypot(np.maximum(behind, 0.0), np.maximum(up, 0.0))
-        return outside + np.minimum(np.maximum(behind, up), 0.0) - corner
-
     def resting(self, points: Points) -> Float64[np.ndarray, " N"]:
         """1 where the inner side touches the head, 0 where it has its room, smooth between."""
         turn = (np.radians(REST_DEG) - self.head.azimuth(points)) / 0.25
@@ -96,29 +85,44 @@ class _Visor:
         across, along = (turn / size) ** (_ROUNDED - 1.0) / (self.spread * radius), (out / size) ** (_ROUNDED - 1.0) / self.brim
         return (size - 1.0) / np.hypot(across, along)
 
-    def falling(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
-        """Distance from the middle of the brim, which starts at the lower edge of the band and falls, most at its sides."""
+    def over_brim(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
+        """Distance over the middle of the brim, which starts under the band and falls, most at its sides."""
         sideways = (points[:, 0] / (HALF_BREADTH_MM * self.head.scale)) ** 2
         fall = _FALL + _ARCH * sideways
-        down = fall * np.maximum(within, 0.0) - 0.5 * (self.wall - self.band)
-        return (self.height(points) + down) / np.sqrt(1.0 + fall**2)
+        low = -0.5 * self.band - _UNDER * self.wall
+        return (self.height(points) - low + fall * np.maximum(within, 0.0)) / np.sqrt(1.0 + fall**2)
 
-    def off_edges(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """Distance from the nearest edge of band or brim."""
-        within = self.lining.within(points)
-        brim = np.hypot(self.falling(points, within), np.minimum(self.past_brim(points, within) + 0.5 * self.wall, 0.0))
-        return np.minimum(np.abs(self.beyond(points)), brim)
+    def bent(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
+        """Distance outward and upward from the middle of band and brim, for a distance `within` from the inner side."""
+        fillet = _FILLET_MM * self.head.scale
+        return smooth_union(within - 0.5 * self.wall, self.over_brim(points, within), fillet)
 
-    def __call__(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """Signed distance, about."""
+    def middle_of(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance outward and upward from the middle of the wall."""
+        return self.bent(points, self.lining.within(points))
+
+    def outer(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance outward from the outer side."""
+        return self.middle_of(points) - 0.5 * self.wall
+
+    def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance inward from the inner side."""
         within = self.lining.within(points)
-        inner = -self.lining.padded(points, within, self.resting(points), self.wall)
-        outer = within - self.wall
-        band = round_wall(0.5 * (outer - inner), self.beyond(points) + 0.5 * self.wall, -0.5 * (outer + inner))
-        past = np.maximum(self.past_brim(points, within), 0.7 * self.wall - within)
-        brim = round_wall(self.falling(points, within), past + 0.5 * self.wall, 0.5 * self.wall)
-        whole = smooth_union(band, brim, _FILLET_MM * self.head.scale)
-        return np.maximum(whole, inner)  # the fillet stays off the head
+        padded = self.lining.padded(points, within, self.resting(points), self.wall)
+        return -self.bent(points, padded) - 0.5 * self.wall
+
+    def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """How far points are past an edge; corners are round."""
+        within, corner = self.lining.within(points), 2.0 * _CORNER_MM * self.head.scale
+        below = smooth_union(
+            self.past_brim(points, within), _UNDER * self.wall - self.over_brim(points, within), 0.5 * corner
+        )
+        above = self.height(points) - 0.5 * self.band
+        if self.open:
+            radius = np.hypot(*(points - self.head.middle)[:, :2].T)
+            behind = radius * (self.head.azimuth(points) - (np.pi - self.open))
+            above = smooth_common(above, behind, corner)
+        return smooth_common(above, below, min(corner, self.band))
 
 
 def build(body: Body, settings: Settings) -> Template:
@@ -147,14 +151,8 @@ def build(body: Body, settings: Settings) -> Template:
     visor = replace(visor, pads=tuple(pads.values()))
 
     edge = EDGE_MM * s
-    least = min(max(0.5 * edge, 0.6 * wall), edge)
-
-    def finer(points: Points) -> Float64[np.ndarray, " N"]:
-        return least + 0.7 * np.maximum(visor.off_edges(points) - 0.7 * wall, 0.0)
-
-    mesh = skin(visor, bounds, 0.45 * edge, mirrored=True, name=KIND.name)
-    mesh = settled(isotropic(mesh, edge, finer=finer, mirrored=True, rounds=6), visor, 0.5 * least)
-    mesh = towards(mesh, visor, 0.03 * least)
+    sides = Wall(visor.middle_of, visor.beyond, visor.outer, visor.inner)
+    mesh, inside = walled(sides, bounds, edge, min(0.6 * edge, wall), mirrored=True, name=KIND.name)
     contacts = resting(part, pads) | _forehead(visor)
     return Template(
         name=KIND.name,
@@ -168,7 +166,7 @@ def build(body: Body, settings: Settings) -> Template:
         edge_mm=edge,
         donning=tuple(axis.tolist()),
         path=lifted_off(part, mesh.vertices, axis, "the band and the skin give a little"),
-        locked=inner_faces(mesh, lining.distance),
+        locked=inside & _on_band(visor, mesh),
         mirrored=True,
         motifs=(_front(visor),),
         listed_mm=(promised, room),
@@ -203,7 +201,12 @@ def _pads(visor: _Visor) -> dict[str, Pad]:
     return pads
 
 
-def _forehead(visor: _Visor) -> dict:
+def _on_band(visor: _Visor, mesh: Mesh) -> Bool[np.ndarray, " F"]:
+    """Faces at the height of the band."""
+    return visor.height(mesh.corners.mean(1)) > -0.5 * visor.band
+
+
+def _forehead(visor: _Visor) -> dict[str, Region]:
     """The skin that the front of the band rests on."""
     part = visor.head.part
     if "forehead" not in part.regions:
@@ -221,7 +224,7 @@ def _front(visor: _Visor) -> MotifFrame:
     head, s = visor.head, visor.head.scale
     centre = head.middle - ((head.middle - visor.middle) @ visor.axis) * visor.axis
     ahead = np.cross(visor.axis, _LEFT)
-    origin = met(visor, centre + 0.15 * visor.band * visor.axis, -ahead, 300.0 * s)
+    origin = met(visor.outer, centre + 0.15 * visor.band * visor.axis, -ahead, 300.0 * s)
     return MotifFrame(
         "front", origin, _LEFT, visor.axis, (2.2 * visor.band, visor.band), 60.0 * s, (centre, visor.axis)
     )
