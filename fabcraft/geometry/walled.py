@@ -17,7 +17,7 @@ from fabcraft.geometry.voxels import Field
 from fabcraft.mesh import Mesh
 
 _ROUNDS = 6
-_CELL = 0.5
+_CELL = 0.6
 """Of the grid, over an edge."""
 _STEP = 0.02
 """Of the differences that slopes are taken from, over an edge."""
@@ -37,6 +37,10 @@ class Wall:
     """Negative in the material, 0 on the outer side."""
     inner: Field
     """Negative in the material, 0 on the inner side."""
+    squareness: Field | None = None
+    """Of the rims' profile: 1 a half round (also without it), smaller squarer, 0 a flat edge."""
+    detail: Field | None = None
+    """Edge length wanted where the wall bends sharply."""
 
 
 def walled(
@@ -57,7 +61,8 @@ def walled(
     found = clipped(found, -wall.beyond(found.vertices))
 
     def finer(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
-        return rim_mm + _GROWTH * np.maximum(-wall.beyond(points) - rim_mm, 0.0)
+        wanted = rim_mm + _GROWTH * np.maximum(-wall.beyond(points) - rim_mm, 0.0)
+        return wanted if wall.detail is None else np.minimum(wanted, wall.detail(points))
 
     even = isotropic(found, edge_mm, finer=finer if rim_mm < edge_mm else None, mirrored=mirrored)
     step = _STEP * edge_mm
@@ -77,7 +82,8 @@ def walled(
     rows = max(3, round(0.5 * np.pi * float(np.linalg.norm(outer[ends] - inner[ends], axis=1).mean()) / rim_mm))
     total = 2 * count
     for loop in loops:
-        rim = _rim(points, outer, inner, normals, loop, rows)
+        power = np.ones(len(loop)) if wall.squareness is None else wall.squareness(points[loop])
+        rim = _rim(points, outer, inner, normals, loop, rows, power[:, None])
         numbers = np.vstack([loop, total + np.arange(rim.size // 3).reshape(rows - 1, -1), loop + count])
         vertices.append(rim.reshape(-1, 3))
         total += rim.size // 3
@@ -123,6 +129,7 @@ def _rim(
     normals: np.ndarray,
     loop: np.ndarray,
     rows: int,
+    power: np.ndarray,
 ) -> Float64[np.ndarray, "R N 3"]:
     """The points between the outer and the inner edge along a loop, over a half round."""
     middle, half = 0.5 * (outer[loop] + inner[loop]), 0.5 * (outer[loop] - inner[loop])
@@ -133,7 +140,8 @@ def _rim(
     away -= (away * up).sum(1, keepdims=True) * up
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     turn = np.pi * np.arange(1, rows)[:, None, None] / rows
-    return middle + radius * (np.cos(turn) * up + np.sin(turn) * away)
+    high, wide = np.sign(np.cos(turn)) * np.abs(np.cos(turn)) ** power, np.sin(turn) ** power
+    return middle + radius * (high * up + wide * away)
 
 
 def _strips(vertices: np.ndarray, numbers: np.ndarray) -> np.ndarray:

@@ -83,7 +83,7 @@ class _Visor:
         out = np.maximum(within - self.wall, 0.0) / self.brim
         size = np.maximum((turn**_ROUNDED + out**_ROUNDED) ** (1.0 / _ROUNDED), 0.3)
         across, along = (turn / size) ** (_ROUNDED - 1.0) / (self.spread * radius), (out / size) ** (_ROUNDED - 1.0) / self.brim
-        return (size - 1.0) / np.hypot(across, along)
+        return (size - 1.0) / np.maximum(np.hypot(across, along), 0.1 / self.brim)
 
     def over_brim(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
         """Distance over the middle of the brim, which starts under the band and falls, most at its sides."""
