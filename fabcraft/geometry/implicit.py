@@ -13,14 +13,14 @@ from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 from scipy.spatial import ConvexHull
 
 from fabcraft.errors import SolidError
-from fabcraft.geometry.voxels import Field, Grid, isosurface, narrow_band
+from fabcraft.geometry.voxels import Field, Grid, isosurface
 from fabcraft.mesh import Mesh
 
 _COARSER = 4
 """A field is sought on nodes this many cells apart first."""
 _ROWS = 4096
-_STEEP = 1.6
-"""Steepest that a field may be in the places where the search may not miss its surface."""
+_NEAR = 3.0
+"""Cells from the surface to which a field is worked out exactly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,36 +125,31 @@ def smooth_common(
     return -smooth_union(-one, -other, round_mm)
 
 
-def skin(
+def sheet(
     field: Field, bounds: Float64[np.ndarray, "2 3"], cell_mm: float, mirrored: bool = False, name: str = ""
 ) -> Mesh:
-    """The surface where `field` is zero within `bounds`, by marching cubes, mm.
+    """The surface where `field` is zero within `bounds`, by marching cubes, mm; open where it leaves them.
 
-    mirrored : only x > 0 and a little beyond; the surface is open there.
-    The field is sought on a coarse grid and worked out on the fine one near what was found.  Raises `SolidError` when
-    nothing is inside, or when the surface goes on beyond the bounds.
+    mirrored : only x > 0 and a little beyond.
+    The field is worked out on a coarse grid everywhere, and on the fine one near what was found.
+    Raises `SolidError` when it is zero nowhere.
     """
     bounds = np.array(bounds)
     if mirrored:
         bounds[0, 0] = 0.0
-    coarse = Grid.around(bounds, _COARSER * cell_mm, 0.0)
-    nodes = coarse.positions(np.arange(coarse.size))
-    reach = 0.5 * np.sqrt(3.0) * _COARSER * cell_mm
-    found = nodes[np.abs(field(nodes)) < _STEEP * reach]
-    grid = Grid.around(bounds, cell_mm, 0.0)
-    marked = np.zeros(grid.shape, dtype=bool)
-    # a cube of fine nodes round every coarse one: together they leave no gap
-    index = np.rint((found - np.array(grid.origin)) / cell_mm).astype(np.int64)
-    span = np.arange(-(_COARSER // 2), _COARSER // 2 + 1)
-    for offset in np.stack(np.meshgrid(span, span, span, indexing="ij"), -1).reshape(-1, 3):
-        at = index + offset
-        at = at[((at >= 0) & (at < grid.shape)).all(1)]
-        marked[tuple(at.T)] = True
-    volume = narrow_band(grid, marked, field)
-    faces = [volume[-1], volume[:, 0], volume[:, -1], volume[:, :, 0], volume[:, :, -1]]
-    if any((face < 0.0).any() for face in (faces if mirrored else [volume[0], *faces])):
-        raise SolidError(f"the surface of the {name or 'field'} leaves its bounds", "Widen the bounds.")
-    return isosurface(grid, volume, name)
+    coarse, fine = Grid.around(bounds, _COARSER * cell_mm, 0.0), Grid.around(bounds, cell_mm, 0.0)
+    values = field(coarse.positions(np.arange(coarse.size))).reshape(coarse.shape)
+    axes = [
+        np.clip((fine.origin[k] + cell_mm * np.arange(fine.shape[k]) - coarse.origin[k]) / coarse.cell_mm, 0, coarse.shape[k] - 1)
+        for k in range(3)
+    ]
+    for axis, places in enumerate(axes):  # linear between coarse nodes, one axis after the other
+        low = np.minimum(places.astype(int), values.shape[axis] - 2)
+        share = (places - low).reshape([-1 if k == axis else 1 for k in range(3)])
+        values = (1.0 - share) * np.take(values, low, axis) + share * np.take(values, low + 1, axis)
+    near = np.flatnonzero(np.abs(values) < _NEAR * cell_mm)
+    values.reshape(-1)[near] = field(fine.positions(near))
+    return isosurface(fine, values, name)
 
 
 def settled(mesh: Mesh, field: Field, reach_mm: float, rounds: int = 2) -> Mesh:

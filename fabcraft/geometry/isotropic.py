@@ -19,7 +19,7 @@ from fabcraft.mesh import Mesh
 Lengths = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
 """Wanted edge length at points, mm; it should change by no more than about half of the way."""
 
-_ROUNDS = 8
+_ROUNDS = 6
 _NO_CREASE_DEG = 180.0
 _MEAN_SHARE = 0.96
 """Asked for this share of a length, MeshLab's mean edge is that length."""
@@ -27,7 +27,9 @@ _MOST_LOST = 0.1
 """A closed surface whose volume changes by a larger share is no longer the same shape."""
 _OFF_PLANE = 0.15
 """Before it is cut in the plane of symmetry, a surface's vertices are moved off it by this share of an edge."""
-_FACES_USED = 1.5
+_LEAST_SHARE = 0.5
+"""Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
+_FACES_USED = 1.3
 """Faces that remeshing starts from, over those that it makes."""
 _OVERLAP = 1.4
 """A part is meshed together with neighbours that want up to this many times the longest length of the part."""
@@ -66,8 +68,11 @@ def isotropic(
             "Repair it first (fabcraft solid).",
         )
     even = given
-    for length_mm, chosen in _passes(given, edge_mm, finer):
+    passes = _passes(given, edge_mm, finer)
+    for length_mm, chosen in passes:
         even = _remeshed(even, length_mm, crease_deg, rounds, chosen)
+    if len(passes) > 1:  # a seam between two passes keeps what short edges the surface had there
+        even = _remeshed(even, _LEAST_SHARE * passes[-1][0], crease_deg, 2, None, split=False)
     # a half that ends in the plane x = 0 encloses a volume with it, as its cap adds nothing to the divergence
     closed = mirrored or not bordered
     lost = closed and abs(even.volume_mm3 - given.volume_mm3) > _MOST_LOST * abs(given.volume_mm3)
@@ -76,7 +81,7 @@ def isotropic(
             f"{mesh.name or 'the surface'} cannot be meshed with edges of {edge_mm:g} mm: its details are too small",
             "Ask for shorter edges.",
         )
-    return _reflected(even, 0.1 * edge_mm) if mirrored else even
+    return reflected(even, 0.1 * edge_mm) if mirrored else even
 
 
 def _thinned(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> Mesh:
@@ -118,7 +123,9 @@ def _passes(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> list[tuple[flo
     return [(length, near(length)) for length in edge_mm * step ** np.arange(halvings + 1)]
 
 
-def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen) -> Mesh:
+def _remeshed(
+    mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True
+) -> Mesh:
     """One run of MeshLab's filter over the chosen faces."""
     try:
         import pymeshlab
@@ -136,10 +143,36 @@ def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen
         featuredeg=crease_deg,
         checksurfdist=False,
         selectedonly=chosen is not None,
+        splitflag=split,
     )
     meshes.meshing_remove_unreferenced_vertices()
     result = meshes.current_mesh()
     return Mesh(result.vertex_matrix(), result.face_matrix().astype(np.int32), mesh.name)
+
+
+def clipped(mesh: Mesh, values: Float64[np.ndarray, " V"]) -> Mesh:
+    """What of the surface has positive `values`, linear over its faces, with a border where they are zero."""
+    signed = np.where(values < 0.0, np.minimum(values, -1e-12), np.maximum(values, 1e-12))  # no vertex on the border
+    ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    ends = ends[signed[ends[:, 0]] * signed[ends[:, 1]] < 0.0].astype(np.int64)
+    share = (signed[ends[:, 0]] / (signed[ends[:, 0]] - signed[ends[:, 1]]))[:, None]
+    cuts = (1.0 - share) * mesh.vertices[ends[:, 0]] + share * mesh.vertices[ends[:, 1]]
+    code = ends @ [len(signed), 1]
+
+    def cut(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
+        return len(signed) + np.searchsorted(code, low * len(signed) + high)
+
+    inside = signed > 0.0
+    pieces = [mesh.faces[inside[mesh.faces].all(1)]]
+    for corner in range(3):
+        a, b, c = mesh.faces[:, np.roll(np.arange(3), -corner)].T
+        lone, pair = inside[a] & ~inside[b] & ~inside[c], ~inside[a] & inside[b] & inside[c]
+        pieces.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
+        pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
+        pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
+    faces = np.concatenate(pieces).astype(np.int32)
+    return Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name).submesh(slice(None))
 
 
 def _positive_half(mesh: Mesh) -> Mesh:
@@ -147,39 +180,19 @@ def _positive_half(mesh: Mesh) -> Mesh:
     vertices = np.array(mesh.vertices)
     x = vertices[:, 0]
     kept = mesh.corners[(x[mesh.faces] > 0.0).any(1)]
-    # no vertex on the plane or next to it: every face is cut or not, and no cut leaves a needle
+    # no vertex next to the plane: no cut leaves a needle
     off = _OFF_PLANE * float(np.linalg.norm(kept - np.roll(kept, 1, axis=1), axis=2).mean())
     x[:] = np.where(np.abs(x) < off, np.where(x < 0.0, -off, off), x)
-    ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    ends = ends[x[ends[:, 0]] * x[ends[:, 1]] < 0.0].astype(np.int64)
-    share = (x[ends[:, 0]] / (x[ends[:, 0]] - x[ends[:, 1]]))[:, None]
-    cuts = (1.0 - share) * vertices[ends[:, 0]] + share * vertices[ends[:, 1]]
-    cuts[:, 0] = 0.0
-    code = ends @ [len(x), 1]
-
-    def cut(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
-        return len(x) + np.searchsorted(code, low * len(x) + high)
-
-    pieces = [mesh.faces[(x[mesh.faces] > 0.0).all(1)]]
-    for corner in range(3):
-        a, b, c = mesh.faces[:, np.roll(np.arange(3), -corner)].T
-        lone = (x[a] > 0.0) & (x[b] < 0.0) & (x[c] < 0.0)
-        pair = (x[a] < 0.0) & (x[b] > 0.0) & (x[c] > 0.0)
-        pieces.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
-        pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
-        pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
-    faces = np.concatenate(pieces).astype(np.int32)
-    return Mesh(np.concatenate([vertices, cuts]), faces, mesh.name).submesh(np.ones(len(faces), dtype=bool))
+    return clipped(mesh.with_vertices(vertices), x)
 
 
-def _reflected(half: Mesh, near_mm: float) -> Mesh:
+def reflected(half: Mesh, near_mm: float) -> Mesh:
     """The half and its mirror image, joined along its border within `near_mm` of the plane x = 0."""
     directed = half.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     pairs, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     vertices = np.array(half.vertices)
-    rim = np.unique(pairs[count == 1])
-    rim = rim[np.abs(vertices[rim, 0]) < near_mm]  # other borders of an open surface may lie anywhere
+    seam = pairs[count == 1]
+    rim = np.unique(seam[(np.abs(vertices[seam, 0]) < near_mm).all(1)])  # other borders may end at the plane
     vertices[rim, 0] = 0.0
     image = np.arange(len(vertices)) + len(vertices)
     image[rim] = rim

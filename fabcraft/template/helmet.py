@@ -1,72 +1,46 @@
 """The helmet: a shell over the convex upper head, with a rolled rim from the brows over the ears down to the nape.
 
-Its middle surface is a level of the blurred distance to the hull of the covered head without the ears, drawn down along the
-donning axis.  Blurring keeps a shape that is open downwards so, which is why no part of the inner side is undercut.
 Numbers (mm, on a head 200 long): rim 25 above the glabella, 15 over the ears, 60 under the back of the head; room for
-pads 6 (EN 960 headforms are the bare head; 6 mm is a convention), 3 as a show piece; wall 3; ears keep 5.
+pads 6 (EN 960 headforms are the bare head; 6 mm is a convention), 3 as a show piece; wall 3; ears keep 5.  A character's
+helmet is domed where its head is flat or pointed.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
 from fabcraft.body.body import Body
-from fabcraft.body.measures import head_circumference_mm
-from fabcraft.body.region import Region
-from fabcraft.errors import InputError
-from fabcraft.geometry.flips import towards
-from fabcraft.geometry.implicit import Convex, GridField, blurred, met, round_wall, settled, skin, slope
-from fabcraft.geometry.isotropic import isotropic
-from fabcraft.mesh import Mesh
+from fabcraft.geometry.implicit import met, slope
+from fabcraft.geometry.walled import Wall, walled
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.headwear import (
     LANDMARKS,
     Head,
     Line,
     Points,
-    hat_mm,
+    fitting_mm,
     head_of,
     least_facing_axis,
     lifted_off,
+    wall_mm,
 )
+from fabcraft.template.lining import Lining, Pad, covered_bounds, pad_gap_mm, resting
 from fabcraft.template.template import MotifFrame, Parameter, Template
 
-EDGE_MM, WALL_MM, LEAST_WALL_MM, BRIM_MM = 4.0, 3.0, 1.6, 3.0
+EDGE_MM, WALL_MM, BRIM_MM = 4.0, 3.0, 3.0
 ROOM_MM = {"padded": 6.0, "show": 3.0}
 BROW_MM, OVER_EARS_MM, NAPE_MM = 25.0, 15.0, 60.0
 PADS_MM = {"crown": 28.0, "forehead": 15.0, "temple_left": 15.0, "temple_right": 15.0, "nape": 15.0}
 """Where it rests, and the radius of the pad there."""
-PAD_GAP_MM = 0.3
 _BLUR_MM = 12.0
 _DOME, _WITHIN = 0.42, 0.96
 """Least height of a character's helmet over the mean of its rim, over its breadth; size of the dome over the head's."""
-_HOLLOW_MM = 2.5
-"""Skin that lies deeper than this under the hull of the head is not rested on."""
 _BEAD = 0.4
 """How much thicker than the wall the rim is, as a share."""
 _FRONT_RADIUS_MM = 90.0
 """Of the shell at the face window, for its arc lengths."""
 _LEFT, _BACK, _UP = np.eye(3)
-
-
-@dataclass(frozen=True, eq=False)
-class _Pad:
-    """A boss on the inner side that follows the head."""
-
-    foot: Float64[np.ndarray, "3"]
-    """On the skin, mm."""
-    normal: Float64[np.ndarray, "3"]
-    radius: float
-
-    def share(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """1 on the pad, 0 beside it, smooth between."""
-        away = points - self.foot
-        out = away @ self.normal
-        across = np.sqrt(np.maximum((away**2).sum(1) - out**2, 0.0))
-        share = np.clip((1.5 * self.radius - across) / (0.7 * self.radius), 0.0, 1.0)
-        return np.where(out > -self.radius, share**2 * (3.0 - 2.0 * share), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,22 +65,12 @@ class _Window:
 class _Shell:
     """The helmet as a field: negative in the material."""
 
-    head: Head
-    tight: Convex
-    """The hull of what is covered, drawn down along the donning axis."""
-    distance: GridField
-    """The same, blurred."""
-    level: float
-    """Of the inner side in `distance`."""
+    lining: Lining
     rim: Line
     wall: float
     brim: float
-    pads: tuple[_Pad, ...] = ()
-    deep: float = 0.0
-    """How far pads reach in from the inner side, at most."""
-    gap: float = 0.0
-    """Between pads and skin."""
     window: _Window | None = None
+    pads: tuple[Pad, ...] = ()
 
     def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
         """How far points are past an edge of the shell."""
@@ -115,227 +79,152 @@ class _Shell:
 
     def within(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance outward from the inner side, which flares out to the brim near the rim."""
-        reach = 10.0 * self.head.scale + 0.6 * self.brim
+        reach = 10.0 * self.rim.head.scale + 0.6 * self.brim
         share = np.clip(1.0 - self.rim.above(points) / reach, 0.0, 1.0)
         flare = self.brim * share**2 * (3.0 - 2.0 * share)
         steep = 6.0 * self.brim / reach * share * (1.0 - share)
-        return (self.distance(points) - self.level - flare) / np.sqrt(1.0 + steep**2)
+        return (self.lining.within(points) - flare) / np.sqrt(1.0 + steep**2)
 
-    def padded(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
-        """Distance outward from the inner side with its pads."""
-        share = np.zeros(len(points))
-        for pad in self.pads:
-            share = np.maximum(share, pad.share(points))
-        there = np.flatnonzero((share > 0.0) & (within < self.wall) & (within > -self.deep))
-        padded = within.copy()
-        padded[there] += share[there] * (self.tight(points[there]) - self.gap - within[there])
-        return np.maximum(within, padded)
+    def outer(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance outward from the outer side, which thickens to a bead at the edges."""
+        bead = np.exp(-0.5 * (np.minimum(self.beyond(points), 0.0) / (1.2 * self.wall)) ** 2)
+        return self.within(points) - self.wall * (1.0 + _BEAD * bead)
 
-    def __call__(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """Signed distance, about."""
-        beyond = self.beyond(points)
-        bead = _BEAD * self.wall * np.exp(-0.5 * (np.minimum(beyond, 0.0) / (1.2 * self.wall)) ** 2)
-        within = self.within(points)
-        outer, inner = within - self.wall - bead, -self.padded(points, within)
-        return round_wall(0.5 * (outer - inner), beyond, -0.5 * (outer + inner))
+    def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance inward from the inner side and its pads."""
+        share = np.max([np.zeros(len(points)), *(pad.share(points) for pad in self.pads)], axis=0)
+        clear = np.clip((-self.beyond(points) / (PADS_MM["nape"] * self.rim.head.scale) - 0.1) / 0.5, 0.0, 1.0)
+        return -self.lining.padded(points, self.within(points), share * clear, self.wall)
+
+    def middle(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance outward from the middle of the wall."""
+        return self.within(points) - 0.5 * self.wall
 
 
 def build(body: Body, settings: Settings) -> Template:
     """The helmet for `body`.  Raises `InputError` for a body without a free upper head and for a size that is too small."""
     chosen = KIND.settled(settings)
-    part = KIND.part(body, "head", LANDMARKS)
-    head = head_of(part)
-    s = head.scale
-    usual = WALL_MM if part.kind != "character" else max(LEAST_WALL_MM, 0.02 * float(part.mesh.size_mm[2]))
-    wall, brim = float(chosen.get("wall", usual)), float(chosen.get("brim", BRIM_MM * s))
+    head = head_of(*KIND.worn(body, "head", LANDMARKS))
+    part, s = head.part, head.scale
+    wall, brim = wall_mm(head, chosen, WALL_MM), float(chosen.get("brim", BRIM_MM * s))
     fit = chosen.get("fit", "padded")
     room = part.clearance_mm(ROOM_MM[fit]) if isinstance(fit, str) else float(fit)
-    windowed, own = bool(chosen.get("window", 0.0)), head_circumference_mm(part)
-    size = _size(chosen.get("size"), own)
-
+    windowed, padded = bool(chosen.get("window", 0.0)), bool(chosen.get("pads", 1.0))
+    size = fitting_mm(head, chosen.get("size"), KIND.name)
     rim = _rim(head, chosen, windowed)
-    axis = (
-        least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right")) if not windowed else _UP
-    )
-    padded = bool(chosen.get("pads", 1.0))
-    covered = head.skin(
-        rim.lowered(0.6 * (room + wall)), ears=windowed
-    )  # the rounded rim reaches below its line
-    covered = head.middle + (covered - head.middle) * [size / own, size / own, 1.0]
-    worn = covered
-    covered, notes = _domed(head, rim, worn)
-    tight = Convex.around(
-        np.concatenate([covered, covered - float(part.mesh.size_mm[2]) * axis]), mirrored=True
-    )
-    under = covered - float(np.ptp(covered[:, 2])) * axis
-    bounds = np.stack([np.minimum(covered, under).min(0), covered.max(0)])
-    bounds[0, 2] = covered[:, 2].min()
-    bounds += np.array([[-1.0], [1.0]]) * (room + wall + brim + 8.0 * s)
-    distance = blurred(tight, bounds, _BLUR_MM * s, 7.0 * s, mirrored=True)
-    depths = distance(worn)
-    level = float(max(np.median(depths) + room, depths.max() + 0.5 * room) if padded else depths.max() + room)
-    shell = _Shell(head, tight, distance, level, rim, wall, brim)
+    # from over the ears up no part of a face is in the way: the axis may lean to where brow and nape need it
+    axis = _UP if windowed else least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right"))
+    # the rounded rim reaches below its line
+    worn = head.skin(rim.lowered(0.6 * (room + wall)), ears=windowed)
+    sized = head.sized(worn, size)
+    dome = _dome(rim, sized) if part.kind == "character" else sized[:0]
+    bounds = covered_bounds(np.vstack([sized, dome]), axis, room + wall + brim + 8.0 * s)
+    promised, gap = pad_gap_mm(head)
+    lining = Lining.around(worn, axis, room, gap, _BLUR_MM * s, bounds, 0.5 if padded else 1.0, sized, dome)
+    shell = _Shell(lining, rim, wall, brim)
     if windowed:
-        low, high = head.at("stomion")[2] - 14.0 * s, head.at("glabella")[2] + 14.0 * s
+        low, high = head.at["stomion"][2] - 14.0 * s, head.at["glabella"][2] + 14.0 * s
         shell = replace(shell, window=_Window(head, low, high, 1.05))
     pads = _pads(shell)
     if padded:
-        shell = replace(
-            shell,
-            pads=tuple(pads.values()),
-            deep=room + depths.max() - depths.min() + 3.0 * s,
-            gap=part.clearance_mm(PAD_GAP_MM) + 0.15 * s,
-        )
+        shell = replace(shell, pads=tuple(pads.values()))
 
     edge = EDGE_MM * s
-    least = min(max(0.36 * edge, 0.45 * wall), edge)
-
-    def finer(points: Points) -> Float64[np.ndarray, " N"]:
-        return least + 0.5 * np.maximum(-shell.beyond(points) - 0.8 * wall, 0.0)
-
-    mesh = skin(shell, bounds, 0.45 * edge, mirrored=True, name=KIND.name)
-    mesh = settled(isotropic(mesh, edge, finer=finer, mirrored=True, rounds=6), shell, 0.5 * least)
-    mesh = towards(mesh, shell, 0.03 * least)
-    resting = _resting(part, pads)
+    wall_of = Wall(shell.middle, shell.beyond, shell.outer, shell.inner)
+    mesh, inside = walled(wall_of, bounds, edge, min(0.5 * edge, wall), mirrored=True, name=KIND.name)
+    contacts = resting(part, pads)
+    domed = ("The helmet is domed over the head and leaves room where that is flat.",) if len(dome) else ()
     return Template(
         name=KIND.name,
-        body=replace(part, regions={**part.regions, **resting}),
+        body=replace(part, regions={**part.regions, **contacts}),
         mesh=mesh,
         rims=(),
         surface=None,
         wall_mm=wall,
         genus=int(windowed),
-        contacts=tuple(resting),
+        contacts=tuple(contacts),
         edge_mm=edge,
         donning=tuple(axis.tolist()),
         path=lifted_off(part, mesh.vertices, axis, "a rigid shell; hair and skin give a little"),
-        locked=_inner(mesh, shell),
+        locked=inside,
         mirrored=True,
         motifs=_motifs(shell),
-        listed_mm=(part.clearance_mm(PAD_GAP_MM) if padded else room, room),
-        parameters={
-            "size": size,
-            "fit": room,
-            "wall": wall,
-            "brim": brim,
-            "pads": float(padded),
-            "window": float(windowed),
-        },
-        notes=(
-            *notes,
-            f"The helmet is for a head of {size:.0f} mm round: EU {size / 10:.1f}, US {size / np.pi / 25.4:.2f}.",
-        ),
+        listed_mm=(promised if padded else room, room),
+        parameters={"size": size, "fit": room, "wall": wall, "brim": brim}
+        | {"pads": float(padded), "window": float(windowed)},
+        notes=(*domed, f"The helmet is for a head of {size:.0f} mm round, hat size {size / 10:.1f}."),
     )
 
 
-def _domed(head: Head, rim: Line, covered: Points) -> tuple[Points, tuple[str, ...]]:
-    """What is covered; of a character with a flat or a pointed head together with a dome, so that the helmet is round."""
+def _dome(rim: Line, worn: Points) -> Points:
+    """An upper half of an ellipsoid over the rim, at least as high as the head."""
     low = float(rim.height(np.linspace(0.0, np.pi, 32)).mean())
-    half = 0.5 * np.ptp(covered[:, :2], axis=0)
-    height = float(covered[:, 2].max()) - low
-    if head.part.kind != "character":
-        return covered, ()
-    turn, rise = (
-        axis.ravel()
-        for axis in np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 48), np.linspace(0.1, 0.5 * np.pi, 12))
-    )
-    middle = np.array([0.0, 0.5 * (covered[:, 1].min() + covered[:, 1].max()), low])
-    ball = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1)
-    dome = middle + ball * np.append(_WITHIN * half, max(height, _DOME * 2.0 * half[0]))
-    return np.concatenate([covered, dome]), (
-        "The helmet is domed over the head, which is flat or pointed, and leaves room there.",
-    )
-
-
-def _size(size: float | str | None, own: float) -> float:
-    """Circumference of the head that the helmet is made for."""
-    asked = own if size is None else hat_mm(size)
-    if asked < own - 1.0:
-        raise InputError(
-            f"a helmet for a head of {asked:.0f} mm round was asked, but this one has {own:.0f} mm",
-            f"Choose EU {np.ceil(own / 10):.0f} ({10 * np.ceil(own / 10):.0f} mm) or larger.",
-        )
-    return asked
+    half = 0.5 * np.ptp(worn[:, :2], axis=0)
+    height = max(float(worn[:, 2].max()) - low, _DOME * 2.0 * half[0])
+    turn, rise = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 48), np.linspace(0.1, 0.5 * np.pi, 12))
+    ball = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=2)
+    middle = np.array([0.0, 0.5 * (worn[:, 1].min() + worn[:, 1].max()), low])
+    return middle + ball.reshape(-1, 3) * np.append(_WITHIN * half, height)
 
 
 def _rim(head: Head, chosen: Settings, windowed: bool) -> Line:
     """Where the shell ends."""
-    s = head.scale
 
     def mm(name: str, usual: float) -> float:
-        return float(chosen.get(name, usual * s))
+        return float(chosen.get(name, usual * head.scale))
 
+    behind = head.at["opisthocranion"][2]
     if windowed:
-        chin, low = head.at("menton")[2] - 8.0 * s, head.at("opisthocranion")[2] - mm("nape", 80.0)
+        chin, low = head.at["menton"][2] - 8.0 * head.scale, behind - mm("nape", 80.0)
         return Line.through(head, [(0.0, chin), (0.7, chin), (np.pi - 0.7, low), (np.pi, low)], 0.3)
     first, last = head.ears[0] - 0.1, head.ears[1] + 0.1
-    front = head.at("glabella")[2] + mm("brow", BROW_MM)
-    side = head.at("ear_tip_left")[2] + mm("over_ears", OVER_EARS_MM)
-    back = head.at("opisthocranion")[2] - mm("nape", NAPE_MM)
+    front, back = head.at["glabella"][2] + mm("brow", BROW_MM), behind - mm("nape", NAPE_MM)
+    side = head.at["ear_tip_left"][2] + mm("over_ears", OVER_EARS_MM)
     if (
         "ear_left" not in head.part.regions and "over_ears" not in chosen
     ):  # nothing stands out that it must leave free
         back = 0.5 * (front + back)
         side = 0.5 * (front + back)
-    return Line.through(
-        head,
-        [
-            (0.0, front),
-            (0.35 * first, front),
-            (first, side),
-            (last, side),
-            (np.pi - 0.4, back),
-            (np.pi, back),
-        ],
-        0.16,
-    )
+    knots = [
+        (0.0, front),
+        (0.35 * first, front),
+        (first, side),
+        (last, side),
+        (np.pi - 0.4, back),
+        (np.pi, back),
+    ]
+    return Line.through(head, knots, 0.16)
 
 
-def _pads(shell: _Shell) -> dict[str, _Pad]:
-    """A pad before every place that it can rest on, moved up along the skin where the rim would cut it."""
-    part, s = shell.head.part, shell.head.scale
-    vertices, normals, above = part.mesh.vertices, part.mesh.vertex_normals, -shell.beyond(part.mesh.vertices)
-    pads = {}
+def _pads(shell: _Shell) -> dict[str, Pad]:
+    """A pad before every place that it can rest on, moved up along the skin where an edge would cut it."""
+    part, s = shell.rim.head.part, shell.rim.head.scale
+    vertices, normals = part.mesh.vertices, part.mesh.vertex_normals
+    inside, pads = -shell.beyond(vertices), {}
     for name, radius in PADS_MM.items():
         if name not in part.regions:
             continue
         middle = vertices[part.regions[name].vertex_indices].mean(0)
         middle = middle + max(1.1 * radius * s + float(shell.beyond(middle[None])[0]), 0.0) * _UP
-        off = np.linalg.norm(vertices - middle, axis=1) + 1e3 * (above < radius * s)
-        near = int(off.argmin())
-        if shell.tight(vertices[near][None])[0] > -_HOLLOW_MM * s:
-            pads[name] = _Pad(vertices[near], normals[near], radius * s)
+        near = int((np.linalg.norm(vertices - middle, axis=1) + 1e3 * (inside < radius * s)).argmin())
+        if shell.lining.reaches(vertices[near], s):
+            pads[name] = Pad(vertices[near], normals[near], radius * s)
     return pads
-
-
-def _resting(part: Body, pads: Mapping[str, _Pad]) -> dict[str, Region]:
-    """The regions that it rests on: the skin under the pads."""
-    found = {}
-    for name, pad in pads.items():
-        facing = part.mesh.vertex_normals @ pad.normal > 0.5
-        under = np.linalg.norm(part.mesh.vertices - pad.foot, axis=1) < 0.75 * pad.radius
-        found[name] = part.regions[name].at(np.flatnonzero(under & facing))
-    return found
-
-
-def _inner(mesh: Mesh, shell: _Shell) -> Bool[np.ndarray, " F"]:
-    """Faces that look at the head."""
-    outward = slope(shell.distance, mesh.corners.mean(1), 0.5)
-    return np.einsum("ij,ij->i", mesh.face_normals, outward) < -0.2
 
 
 def _motifs(shell: _Shell) -> tuple[MotifFrame, ...]:
     """In front over the rim (or over the window), and on top with the wearer's face at its lower edge."""
-    head, s = shell.head, shell.head.scale
-    top = met(shell, head.middle, _UP, 300.0 * s)
+    head, s = shell.rim.head, shell.rim.head.scale
+    top = met(shell.outer, head.middle, _UP, 300.0 * s)
     low = float(shell.rim.height(0.0)) if shell.window is None else shell.window.high
-    room = top[2] - low
-    brow = met(shell, head.middle * [0.0, 1.0, 0.0] + (low + 0.42 * room) * _UP, -_BACK, 300.0 * s)
-    out = slope(shell.distance, brow[None], 0.5)[0]
-    up = np.cross(out / np.linalg.norm(out), _LEFT)
+    room = float(top[2]) - low
+    brow = met(shell.outer, head.middle * [0.0, 1.0, 0.0] + (low + 0.42 * room) * _UP, -_BACK, 300.0 * s)
+    out = slope(shell.lining.distance, brow[None], 0.5)[0]
     height = min(50.0 * s, 0.8 * room)
     return (
-        MotifFrame("brow", brow, _LEFT, up, (1.6 * height, height), 60.0 * s),
+        MotifFrame(
+            "brow", brow, _LEFT, np.cross(out / np.linalg.norm(out), _LEFT), (1.6 * height, height), 60.0 * s
+        ),
         MotifFrame("crown", top, _LEFT, _BACK, (60.0 * s, 90.0 * s), 60.0 * s),
     )
 
@@ -345,7 +234,7 @@ KIND = Kind(
     build,
     (
         Parameter(
-            "size", "mm", 120.0, 750.0, "circumference of the head, or a hat size (M, EU 57, US 7 1/8)"
+            "size", "mm", 120.0, 750.0, "circumference of the head, or a hat size (M, hat57, US 7 1/8)"
         ),
         Parameter(
             "fit",
