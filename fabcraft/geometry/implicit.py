@@ -140,7 +140,11 @@ def sheet(
     coarse, fine = Grid.around(bounds, _COARSER * cell_mm, 0.0), Grid.around(bounds, cell_mm, 0.0)
     values = field(coarse.positions(np.arange(coarse.size))).reshape(coarse.shape)
     axes = [
-        np.clip((fine.origin[k] + cell_mm * np.arange(fine.shape[k]) - coarse.origin[k]) / coarse.cell_mm, 0, coarse.shape[k] - 1)
+        np.clip(
+            (fine.origin[k] + cell_mm * np.arange(fine.shape[k]) - coarse.origin[k]) / coarse.cell_mm,
+            0,
+            coarse.shape[k] - 1,
+        )
         for k in range(3)
     ]
     for axis, places in enumerate(axes):  # linear between coarse nodes, one axis after the other

@@ -152,7 +152,9 @@ def _remeshed(
 
 def clipped(mesh: Mesh, values: Float64[np.ndarray, " V"]) -> Mesh:
     """What of the surface has positive `values`, linear over its faces, with a border where they are zero."""
-    signed = np.where(values < 0.0, np.minimum(values, -1e-12), np.maximum(values, 1e-12))  # no vertex on the border
+    signed = np.where(
+        values < 0.0, np.minimum(values, -1e-12), np.maximum(values, 1e-12)
+    )  # no vertex on the border
     ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     ends = ends[signed[ends[:, 0]] * signed[ends[:, 1]] < 0.0].astype(np.int64)
     share = (signed[ends[:, 0]] / (signed[ends[:, 0]] - signed[ends[:, 1]]))[:, None]

@@ -79,7 +79,9 @@ def walled(
     inner = _along(points, -normals, wall.inner, step)
     count = len(points)
     vertices, faces = [outer, inner], [even.faces, even.faces[:, ::-1] + count]
-    rows = max(3, round(0.5 * np.pi * float(np.linalg.norm(outer[ends] - inner[ends], axis=1).mean()) / rim_mm))
+    rows = max(
+        3, round(0.5 * np.pi * float(np.linalg.norm(outer[ends] - inner[ends], axis=1).mean()) / rim_mm)
+    )
     total = 2 * count
     for loop in loops:
         power = np.ones(len(loop)) if wall.squareness is None else wall.squareness(points[loop])
@@ -149,7 +151,9 @@ def _strips(vertices: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     a, b = numbers[:-1], np.roll(numbers, -1, axis=1)[:-1]
     d, c = numbers[1:], np.roll(numbers, -1, axis=1)[1:]
     a, b, c, d = (array.ravel() for array in (a, b, c, d))
-    shorter = np.linalg.norm(vertices[a] - vertices[c], axis=1) <= np.linalg.norm(vertices[b] - vertices[d], axis=1)
+    shorter = np.linalg.norm(vertices[a] - vertices[c], axis=1) <= np.linalg.norm(
+        vertices[b] - vertices[d], axis=1
+    )
     first = np.where(shorter[:, None], np.stack([a, c, b], 1), np.stack([a, d, b], 1))
     second = np.where(shorter[:, None], np.stack([a, d, c], 1), np.stack([b, d, c], 1))
     return np.concatenate([first, second])

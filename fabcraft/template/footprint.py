@@ -9,7 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import distance_transform_edt, gaussian_filter, gaussian_filter1d, grey_closing, map_coordinates, spline_filter
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    gaussian_filter1d,
+    grey_closing,
+    map_coordinates,
+    spline_filter,
+)
 from scipy.spatial import ConvexHull
 
 from fabcraft.geometry.heights import front_heights
@@ -88,9 +95,7 @@ class Last:
         return map_coordinates(self.outline, [row, column], order=3, mode="nearest", prefilter=False)
 
 
-def last(
-    foot: Mesh, scale: float, behind: float, toe_mm: float, over_toes_mm: float, blur_mm: float
-) -> Last:
+def last(foot: Mesh, scale: float, behind: float, toe_mm: float, over_toes_mm: float, blur_mm: float) -> Last:
     """The last for a `foot` in its frame.
 
     scale : over a median man's foot.  behind : share of the length from which on the room goes back straight, as a tunnel.
@@ -143,7 +148,9 @@ def _sides(
         sign = 1.0 if len(sides) else -1.0
         out = sign * side[first : end + 1].astype(np.float64)
         index = np.arange(len(out), dtype=np.float64)
-        ring = ConvexHull(np.column_stack([np.append(index, [0.0, index[-1]]), np.append(out, [out.min() - 1.0] * 2)]))
+        ring = ConvexHull(
+            np.column_stack([np.append(index, [0.0, index[-1]]), np.append(out, [out.min() - 1.0] * 2)])
+        )
         corners = np.sort(ring.vertices[ring.vertices < len(out)])
         wide = _CONVEX * np.interp(index, corners, out[corners]) + (1.0 - _CONVEX) * out
         y = rows[first : end + 1]
@@ -168,7 +175,10 @@ def _forward(values: np.ndarray, steps: int, there: np.ndarray) -> np.ndarray:
 
 def _room(heights: np.ndarray, plane: Plane, cell_mm: float, blur_mm: float) -> GridField:
     """The blurred distance to the solid under the heights, which goes on below the floor."""
-    deep, top = _DEEP_CELLS * cell_mm, float(heights[np.isfinite(heights)].max()) + 0.5 * _DEEP_CELLS * cell_mm
+    deep, top = (
+        _DEEP_CELLS * cell_mm,
+        float(heights[np.isfinite(heights)].max()) + 0.5 * _DEEP_CELLS * cell_mm,
+    )
     right, back = plane.left_mm + plane.width * plane.pixel_mm, plane.top_mm - plane.height * plane.pixel_mm
     grid = Grid.around(np.array([[plane.left_mm, back, -deep], [right, plane.top_mm, top]]), cell_mm, 0.0)
     centres = grid.positions(np.arange(grid.size))

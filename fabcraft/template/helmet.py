@@ -93,7 +93,9 @@ class _Shell:
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance inward from the inner side and its pads."""
         share = np.max([np.zeros(len(points)), *(pad.share(points) for pad in self.pads)], axis=0)
-        clear = np.clip((-self.beyond(points) / (PADS_MM["nape"] * self.rim.head.scale) - 0.1) / 0.5, 0.0, 1.0)
+        clear = np.clip(
+            (-self.beyond(points) / (PADS_MM["nape"] * self.rim.head.scale) - 0.1) / 0.5, 0.0, 1.0
+        )
         return -self.lining.padded(points, self.within(points), share * clear, self.wall)
 
     def middle(self, points: Points) -> Float64[np.ndarray, " N"]:

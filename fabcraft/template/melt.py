@@ -12,14 +12,16 @@ from fabcraft.geometry.isotropic import isotropic_within
 from fabcraft.mesh import Mesh
 
 _FINE = 0.5
+_AT_CUT_MM = 0.05
 _BESIDE = 1.5
 """How far beside a fillet triangles are made anew, in edges."""
 
 
-def melted(one: Mesh, other: Mesh, fillet_mm: float, edge_mm: float, name: str) -> Mesh:
+def melted(one: Mesh, other: Mesh, fillet_mm: float, edge_mm: float, name: str, half: bool = False) -> Mesh:
     """The union of two closed solids, rounded over about `fillet_mm` along the curves where their skins meet.
 
     Around those curves the triangles are made anew, about `edge_mm` long.
+    half : the solid is half of a symmetric one, cut off at x = 0; that cut stays.
     Raises `SolidError` when the two do not meet, or are no closed manifolds.
     """
     union, from_one = _union(one, other, name)
@@ -35,9 +37,13 @@ def melted(one: Mesh, other: Mesh, fillet_mm: float, edge_mm: float, name: str) 
 
     mesh = union
     # first onto the fillet with triangles small enough to follow it, then in triangles as they are wanted
-    for length in (_FINE * edge_mm, edge_mm):
-        mesh = isotropic_within(mesh, length, curve.query(mesh.corners.mean(1))[0] < reach)
-        moving = np.flatnonzero(curve.query(mesh.vertices)[0] < reach)
+    for length in (_FINE * edge_mm, _FINE * edge_mm, edge_mm):
+        chosen = curve.query(mesh.corners.mean(1))[0] < reach
+        if half:
+            chosen &= (mesh.corners[:, :, 0] > _AT_CUT_MM).all(1)
+        mesh = isotropic_within(mesh, length, chosen)
+        near = curve.query(mesh.vertices)[0] < reach
+        moving = np.flatnonzero(near & (mesh.vertices[:, 0] > _AT_CUT_MM) if half else near)
         vertices = mesh.vertices.copy()
         loose = Mesh(vertices[moving], np.zeros((0, 3), np.int32))
         vertices[moving] = settled(loose, field, 0.4 * length, rounds=4).vertices

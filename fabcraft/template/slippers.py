@@ -89,13 +89,17 @@ class _Slipper:
         bottom, s = self.bottom(points), self.scale
         low = np.clip(1.0 - (points[:, 2] - self.floor(points)) / (_FOXING_HIGH_MM * s), 0.0, 1.0)
         foxing = _FOXING_MM * s * low**2 * (3.0 - 2.0 * low)
-        bead = _BEAD * self.wall * np.exp(-0.5 * (np.minimum(self.behind(points), 0.0) / (1.5 * self.wall)) ** 2)
+        bead = (
+            _BEAD * self.wall * np.exp(-0.5 * (np.minimum(self.behind(points), 0.0) / (1.5 * self.wall)) ** 2)
+        )
         side = self.within(points) - self.wall - np.maximum(foxing, bead)
         return smooth_common(side, bottom - points[:, 2], 9.0 * s)
 
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance inward from the inner side."""
-        return -smooth_common(self.within(points), self.floor(points) - points[:, 2], _INNER_CORNER_MM * self.scale)
+        return -smooth_common(
+            self.within(points), self.floor(points) - points[:, 2], _INNER_CORNER_MM * self.scale
+        )
 
     def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
         """How far points are past an edge: behind the upper, and beside the sole there."""
@@ -127,7 +131,10 @@ def build(body: Body, settings: Settings) -> Template:
     size = _size(chosen.get("size"), frame.length)
     s = part.scale if part.kind == "character" else frame.length / FOOT_MM
     usual = WALL_MM if part.kind != "character" else max(LEAST_WALL_MM, 0.02 * frame.length)
-    wall, sole = float(chosen.get("wall", usual)), float(chosen.get("sole", max(SOLE_MM * s, 2.0 * LEAST_WALL_MM)))
+    wall, sole = (
+        float(chosen.get("wall", usual)),
+        float(chosen.get("sole", max(SOLE_MM * s, 2.0 * LEAST_WALL_MM))),
+    )
     fit = chosen.get("fit", "soft")
     room = part.clearance_mm(ROOM_MM[fit]) if isinstance(fit, str) else float(fit)
     toe = float(chosen.get("toe", part.clearance_mm(TOE_MM)))
@@ -140,7 +147,9 @@ def build(body: Body, settings: Settings) -> Template:
     slipper = _slipper(part, foot, shape, s, room, wall, sole, cover / 100.0)
     edge = EDGE_MM * s
     bounds = _bounds(slipper, foot, toe)
-    sides = Wall(slipper.middle, slipper.beyond, slipper.outer, slipper.inner, slipper.squareness, slipper.detail)
+    sides = Wall(
+        slipper.middle, slipper.beyond, slipper.outer, slipper.inner, slipper.squareness, slipper.detail
+    )
     made, inside = walled(sides, bounds, edge, min(0.6 * edge, wall), name=KIND.name)
     mesh = made.with_vertices(frame.outside(made.vertices))
     contacts = _resting(part, foot, slipper, which)
@@ -162,7 +171,9 @@ def build(body: Body, settings: Settings) -> Template:
         motifs=_motifs(slipper, frame),
         listed_mm=(part.clearance_mm(0.0), room),
         parameters={"size": size, "fit": room, "wall": wall, "sole": sole, "toe": toe, "cover": cover},
-        notes=(f"The slippers are for feet {size:.0f} mm long: EU {(size + 12.5) * 0.15:.1f}, Mondopoint {size:.0f}.",),
+        notes=(
+            f"The slippers are for feet {size:.0f} mm long: EU {(size + 12.5) * 0.15:.1f}, Mondopoint {size:.0f}.",
+        ),
     )
 
 
@@ -187,7 +198,9 @@ def _slipper(
     bed = _footbed(foot, gap)
     steep = np.flatnonzero(shape.heights > _STEEPEST * shape.length)
     end = max((1.0 - cover) * shape.length, float(steep.max()) + room if len(steep) else 0.0)
-    top = np.array([end, float(np.interp(end, np.arange(len(shape.heights)), shape.heights)) + room + 0.5 * wall])
+    top = np.array(
+        [end, float(np.interp(end, np.arange(len(shape.heights)), shape.heights)) + room + 0.5 * wall]
+    )
     side = np.array([end - _LEAN * shape.length, bed[0]])
     slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side)
     covered = foot.vertices[(slipper.behind(foot.vertices) < 4.0 * s) & (foot.vertices[:, 2] < 1.3 * top[1])]
@@ -261,7 +274,14 @@ def _motifs(slipper: _Slipper, frame: Frame) -> tuple[MotifFrame, ...]:
     turned, axes = frame.axes.T, frame.axes
     right = across @ axes
     return (
-        MotifFrame("toe", frame.outside(toe[None])[0], right, turned @ np.cross(out, across), (70.0 * s, 60.0 * s), 30.0 * s),
+        MotifFrame(
+            "toe",
+            frame.outside(toe[None])[0],
+            right,
+            turned @ np.cross(out, across),
+            (70.0 * s, 60.0 * s),
+            30.0 * s,
+        ),
         MotifFrame("ears", frame.outside(ears[None])[0], right, _UP, (70.0 * s, 60.0 * s), 40.0 * s),
     )
 
@@ -270,9 +290,18 @@ KIND = Kind(
     "slippers",
     build,
     (
-        Parameter("side", "", 0.0, 0.0, "the foot that it is made on; the other is its mirror image", ("left", "right")),
+        Parameter(
+            "side",
+            "",
+            0.0,
+            0.0,
+            "the foot that it is made on; the other is its mirror image",
+            ("left", "right"),
+        ),
         Parameter("size", "mm", 20.0, 350.0, "length of the foot, or a shoe size (EU42, US9, MP265)"),
-        Parameter("fit", "mm", 0.4, 8.0, "room round the foot: 2 for soft material, 3 for rigid", tuple(ROOM_MM)),
+        Parameter(
+            "fit", "mm", 0.4, 8.0, "room round the foot: 2 for soft material, 3 for rigid", tuple(ROOM_MM)
+        ),
         Parameter("toe", "mm", 0.4, 25.0, "room before the toes"),
         Parameter("cover", "%", 35.0, 65.0, "how much of the length the upper covers, from the toes back"),
         Parameter("wall", "mm", 1.6, 8.0, "thickness of the upper"),

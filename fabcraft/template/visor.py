@@ -82,7 +82,10 @@ class _Visor:
         turn = self.head.azimuth(points) / self.spread
         out = np.maximum(within - self.wall, 0.0) / self.brim
         size = np.maximum((turn**_ROUNDED + out**_ROUNDED) ** (1.0 / _ROUNDED), 0.3)
-        across, along = (turn / size) ** (_ROUNDED - 1.0) / (self.spread * radius), (out / size) ** (_ROUNDED - 1.0) / self.brim
+        across, along = (
+            (turn / size) ** (_ROUNDED - 1.0) / (self.spread * radius),
+            (out / size) ** (_ROUNDED - 1.0) / self.brim,
+        )
         return (size - 1.0) / np.maximum(np.hypot(across, along), 0.1 / self.brim)
 
     def over_brim(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
@@ -137,7 +140,9 @@ def build(body: Body, settings: Settings) -> Template:
     tilt = np.radians(float(chosen.get("tilt", TILT_DEG)))
     axis = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     middle = head.at["glabella"] * [0.0, 1.0, 1.0] + OVER_GLABELLA_MM * s * _UP
-    spread, open_ = (np.radians(float(chosen.get(*one))) for one in (("spread", SPREAD_DEG), ("open", OPEN_DEG)))
+    spread, open_ = (
+        np.radians(float(chosen.get(*one))) for one in (("spread", SPREAD_DEG), ("open", OPEN_DEG))
+    )
 
     worn = _worn(head, middle, axis, 0.5 * band + 0.5 * wall)
     sized = head.sized(worn, size)
@@ -171,12 +176,18 @@ def build(body: Body, settings: Settings) -> Template:
         motifs=(_front(visor),),
         listed_mm=(promised, room),
         parameters={"size": size, "fit": room, "wall": wall, "band": band, "brim": brim}
-        | {"tilt": float(np.degrees(tilt)), "spread": float(np.degrees(spread)), "open": float(np.degrees(open_))},
+        | {
+            "tilt": float(np.degrees(tilt)),
+            "spread": float(np.degrees(spread)),
+            "open": float(np.degrees(open_)),
+        },
         notes=(f"The visor is for a head of {size:.0f} mm round, hat size {size / 10:.1f}.",),
     )
 
 
-def _worn(head: Head, middle: Float64[np.ndarray, "3"], axis: Float64[np.ndarray, "3"], below: float) -> Points:
+def _worn(
+    head: Head, middle: Float64[np.ndarray, "3"], axis: Float64[np.ndarray, "3"], below: float
+) -> Points:
     """The skin above the lower edge of the band, without ears: all of it has to come out of the band."""
     keep = (head.part.mesh.vertices - middle) @ axis > -below
     for name in ("ear_left", "ear_right"):
@@ -195,7 +206,9 @@ def _pads(visor: _Visor) -> dict[str, Pad]:
             continue
         middle = vertices[part.regions[name].vertex_indices].mean(0)
         middle = middle - visor.height(middle[None])[0] * visor.axis
-        near = int((np.linalg.norm(vertices - middle, axis=1) + 1e3 * (np.abs(height) > 0.25 * visor.band)).argmin())
+        near = int(
+            (np.linalg.norm(vertices - middle, axis=1) + 1e3 * (np.abs(height) > 0.25 * visor.band)).argmin()
+        )
         if visor.lining.reaches(vertices[near], s):
             pads[name] = Pad(vertices[near], normals[near], 15.0 * s)
     return pads
@@ -234,7 +247,9 @@ KIND = Kind(
     "visor",
     build,
     (
-        Parameter("size", "mm", 120.0, 750.0, "circumference of the head, or a hat size (M, hat57, US 7 1/8)"),
+        Parameter(
+            "size", "mm", 120.0, 750.0, "circumference of the head, or a hat size (M, hat57, US 7 1/8)"
+        ),
         Parameter("fit", "mm", 0.4, 6.0, "room between head and band where it does not rest"),
         Parameter("wall", "mm", 1.6, 5.0, "thickness of band and brim"),
         Parameter("band", "mm", 6.0, 60.0, "height of the band"),
