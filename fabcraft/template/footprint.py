@@ -9,7 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import distance_transform_edt, gaussian_filter, gaussian_filter1d, grey_closing, map_coordinates, spline_filter
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    gaussian_filter1d,
+    grey_closing,
+    map_coordinates,
+    spline_filter,
+)
 from scipy.spatial import ConvexHull
 
 from fabcraft.geometry.heights import front_heights
@@ -100,24 +107,33 @@ class Last:
 
 
 def last(
-    foot: Mesh, length: float, scale: float, cover: float, toe_mm: float, over_toes_mm: float, blur_mm: float
+    foot: Mesh,
+    length: float,
+    scale: float,
+    cover: float,
+    toe_mm: float,
+    over_toes_mm: float,
+    off_leg_mm: float,
+    blur_mm: float,
 ) -> Last:
     """The last for a `foot` in its frame.
 
     length : of the foot; scale : over a median man's.  cover : share of the length that the upper covers, less where the
     foot is too high for it.  toe_mm, over_toes_mm : room before and over the toes, beside what goes around the last.
+    off_leg_mm : distance of the upper's end from where the leg rises.
     """
     pixel = _PIXEL_MM * scale
     low = foot.submesh((foot.corners[:, :, 2] < _PRINT * length).all(1))
     plane = Plane.around(low.vertices[:, :2], pixel, _MARGIN_MM * scale + 0.3 * length)
     x, y = plane.centres()
     rows, ahead, toes = y[:, 0], round(toe_mm / pixel), y > 0.6 * length
-    heights = _from_above(foot, plane)
+    heights = _standing_heights(foot, plane)
     ridge = np.where((np.abs(x) < 0.12 * length) & np.isfinite(heights), heights, 0.0).max(1)
-    end, leg = _upper_end(ridge, rows, length, cover)
+    end, leg = _upper_end(ridge, rows, length, cover, off_leg_mm)
     opening = end - _SIDES_BACK * length
-    known = np.isfinite(heights) & (heights < leg) & (y > opening)
-    seen = known | np.isfinite(_from_above(low, plane))
+    cut = float(foot.vertices[:, 2].max()) - 0.01 * length
+    known = np.isfinite(heights) & (heights < min(leg, cut)) & (y > opening)
+    seen = known | np.isfinite(front_heights(_laid(low), plane))
     left, right = _sides(_closed(_forward(seen, ahead, toes), 0.3 * length / pixel), rows, opening)
     columns = np.arange(plane.width)
     beside = gaussian_filter(_signed((columns >= left) & (columns <= right)) * pixel, 2.0 * blur_mm / pixel)
@@ -136,18 +152,30 @@ def last(
     return Last(length, spline_filter(beside, order=3, mode="nearest"), plane, room, (end, top))
 
 
-def _upper_end(ridge: np.ndarray, rows: np.ndarray, length: float, cover: float) -> tuple[float, float]:
+def _upper_end(
+    ridge: np.ndarray, rows: np.ndarray, length: float, cover: float, off_leg_mm: float
+) -> tuple[float, float]:
     """y where an upper ends over the middle of the foot, as far back as asked or before the foot becomes too high; and the
     height from which on it is leg."""
     toes = float(ridge[(rows > 0.82 * length) & (rows < 0.92 * length)].max())
     most = max(_STEEPEST * length, _OVER_TOES * toes)
-    end = float(rows[ridge > most].max(initial=0.0)) + 2.0 * _PAST_END * length
+    end = float(rows[ridge > most].max(initial=0.0)) + off_leg_mm
     return float(np.clip(end, (1.0 - cover) * length, 0.85 * length)), _LEG * most
 
 
-def _from_above(mesh: Mesh, plane: Plane) -> np.ndarray:
-    """Height of a mesh over every pixel, -inf beside it."""
-    return front_heights(Mesh(mesh.vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0], mesh.faces), plane)
+def _standing_heights(mesh: Mesh, plane: Plane) -> np.ndarray:
+    """How high what stands on the floor is over every pixel: up to the first surface that looks up; -inf beside it.
+
+    Seen from below, so that a leg or a belly that leans over the toes hides nothing.
+    """
+    upward = _laid(mesh.submesh(mesh.face_normals[:, 2] > 0.0))
+    heights = -front_heights(upward, plane)
+    return np.where(np.isfinite(heights), heights, -np.inf)
+
+
+def _laid(mesh: Mesh) -> Mesh:
+    """The mesh with its underside to the front."""
+    return Mesh(mesh.vertices[:, [0, 2, 1]], mesh.faces)
 
 
 def _filled(values: np.ndarray, known: np.ndarray, blur: float) -> np.ndarray:

@@ -35,7 +35,7 @@ _LEAN = 0.11
 _FOXING_MM, _FOXING_HIGH_MM = 2.0, 9.0
 """How much thicker the side is at the sole, and up to where."""
 _TONGUE_MM, _BEAD = 7.0, 0.35
-_BLUR_MM, _CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 8.0
+_BLUR_MM, _CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 6.0
 _UP = np.array([0.0, 0.0, 1.0])
 _PLACES = ("ball_medial", "ball_lateral")
 
@@ -58,6 +58,8 @@ class _Slipper:
     """(y, z) where the upper ends over the instep, but for its tongue."""
     side: Float64[np.ndarray, "2"]
     """(y, z) where it ends at the sole."""
+    corner: float
+    """Rounding between footbed and upper."""
     beside: float = 0.0
     """Distance of the sole's edge from the print."""
 
@@ -96,7 +98,7 @@ class _Slipper:
 
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance inward from the inner side."""
-        return -smooth_common(self.within(points), self.floor(points) - points[:, 2], _INNER_CORNER_MM * self.scale)
+        return -smooth_common(self.within(points), self.floor(points) - points[:, 2], self.corner)
 
     def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
         """How far points are past an edge: behind the upper, and beside the sole there."""
@@ -104,7 +106,7 @@ class _Slipper:
         beside = self.last.beside(points) - (self.beside - half)
         # over the heel the upper's inner side would go on as a tunnel
         sole = smooth_common(beside, points[:, 2] - self.floor(points) - 2.0 * self.scale, 2.0 * self.scale)
-        return smooth_union(self.behind(points), sole, 20.0 * self.scale)
+        return smooth_union(self.behind(points), sole, max(20.0 * self.scale, 7.0 * self.wall))
 
     def detail(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Edge length at the corner between sole and upper, whose outer side is much longer than its middle."""
@@ -136,7 +138,9 @@ def build(body: Body, settings: Settings) -> Template:
     foot = Mesh(frame.inside(part.mesh.vertices), part.mesh.faces)
     longer = foot.with_vertices(foot.vertices * [size / frame.length, size / frame.length, 1.0])
     over = part.clearance_mm(OVER_TOES_MM)
-    shape = last(longer, size, s, cover / 100.0, max(toe - room, 0.0), max(over - room, 0.0), _BLUR_MM * s)
+    off_leg = wall + 1.5 * room
+    before, above = max(toe - room, 0.0), max(over - room, 0.0)
+    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
     # a wall that cannot be as thin as the foot is small asks for rounder corners
     slipper = _slipper(part, foot, shape, max(s, 0.5 * wall / WALL_MM), room, wall, sole)
     edge = max(EDGE_MM * s, 0.6 * wall)
@@ -186,7 +190,7 @@ def _slipper(part: Body, foot: Mesh, shape: Last, s: float, room: float, wall: f
     end, height = shape.end
     top = np.array([end + _TONGUE_MM * s, height + room + 0.5 * wall])
     side = np.array([top[0] - _LEAN * shape.length, bed[0]])
-    slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side)
+    slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side, _INNER_CORNER_MM * shape.length / FOOT_MM)
     covered = foot.vertices[(slipper.behind(foot.vertices) < 0.0) & (foot.vertices[:, 2] < 1.3 * top[1])]
     slipper = replace(slipper, level=float(shape.room(covered).max()) + room)
     # the sole ends behind where the sides of the upper do
