@@ -31,6 +31,10 @@ _PIXEL_MM, _CELL_MM = 1.0, 2.5
 _MARGIN_MM = 30.0
 _SIDES_BACK, _HEEL = 0.11, 0.06
 """How much farther back than its top an upper ends at the sole, and where the sole is the heel's again, in lengths."""
+_STEEPEST, _OVER_TOES = 0.26, 1.35
+"""Height of the foot where an upper ends at the latest, over its length, and over the height of its toes."""
+_PAST_END = 0.012
+"""How far behind its end the upper's inner side still has to clear the foot, over the length."""
 _CONVEX = 0.75
 """Of the sole's outline between the print (0) and its hull (1)."""
 _SOFT = 0.025
@@ -39,8 +43,10 @@ _BETWEEN_TOES = 0.16
 """Hollows narrower than this share of the length are bridged by the upper."""
 _DEEP_CELLS = 12
 """How far below the floor the room's grid goes."""
-_LOW = 0.36
-"""Of the foot's length: what is higher is leg."""
+_PRINT, _LEG = 0.2, 1.35
+"""What is under this height, over the foot's length, makes the outline behind; what is above this share of the greatest
+height under an upper is leg."""
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +69,23 @@ class Frame:
         return points @ self.axes + self.heel
 
 
-def standing(mesh: Mesh, heel: Float64[np.ndarray, "3"], ball: Float64[np.ndarray, "3"]) -> Frame:
-    """The frame of the foot `mesh` that points from `heel` to the middle of its `ball`."""
-    forward = (ball - heel) * [1.0, 1.0, 0.0]
-    forward = forward / np.linalg.norm(forward)
-    axes = np.stack([np.cross(forward, [0.0, 0.0, 1.0]), forward, [0.0, 0.0, 1.0]])
-    local = mesh.vertices @ axes.T
-    low = local[local[:, 2] < local[:, 2].min() + _LOW * np.ptp(local[:, 1])]
-    middle = 0.5 * (low[:, 0].min() + low[:, 0].max())
-    floor = np.array([middle, low[:, 1].min(), low[:, 2].min()])
-    return Frame(floor @ axes, axes, float(np.ptp(low[:, 1])))
+def standing(mesh: Mesh, ball: Float64[np.ndarray, "3"]) -> Frame:
+    """The frame of the foot `mesh`, which points from the middle of its heel to the middle of its `ball`."""
+    floor = float(mesh.vertices[:, 2].min())
+    print_ = mesh.vertices[
+        mesh.vertices[:, 2] < floor + _PRINT * float(np.ptp(mesh.vertices[:, :2], axis=0).max())
+    ]
+    heel = 0.5 * (print_.min(0) + print_.max(0))
+    for _ in range(3):  # a heel's hindmost point may lie to one side
+        forward = (ball - heel) * [1.0, 1.0, 0.0]
+        forward = forward / np.linalg.norm(forward)
+        along = print_ @ forward
+        back = print_[along < along.min() + 0.15 * np.ptp(along)]
+        heel = 0.5 * (back.min(0) + back.max(0))
+    axes = np.stack([np.cross(forward, _UP), forward, _UP])
+    local = print_ @ axes.T
+    middle = 0.5 * (local[:, 0].min() + local[:, 0].max())
+    return Frame(np.array([middle, local[:, 1].min(), floor]) @ axes, axes, float(np.ptp(local[:, 1])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +99,8 @@ class Last:
     plane: Plane
     """The grid of `outline`; its z is the frame's y."""
     room: GridField
-    heights: Float64[np.ndarray, " M"]
-    """Height of the foot over the floor along its middle, per mm of y from the heel."""
+    end: tuple[float, float]
+    """(y, z) of the foot where the upper ends over its middle."""
 
     def beside(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance from the outline of the print, negative on it."""
@@ -95,37 +108,76 @@ class Last:
         return map_coordinates(self.outline, [row, column], order=3, mode="nearest", prefilter=False)
 
 
-def last(foot: Mesh, scale: float, behind: float, toe_mm: float, over_toes_mm: float, blur_mm: float) -> Last:
+def last(
+    foot: Mesh,
+    length: float,
+    scale: float,
+    cover: float,
+    toe_mm: float,
+    over_toes_mm: float,
+    off_leg_mm: float,
+    blur_mm: float,
+) -> Last:
     """The last for a `foot` in its frame.
 
-    scale : over a median man's foot.  behind : share of the length from which on the room goes back straight, as a tunnel.
-    toe_mm, over_toes_mm : room before and over the toes, beside what goes around the last.
+    length : of the foot; scale : over a median man's.  cover : share of the length that the upper covers, less where the
+    foot is too high for it.  toe_mm, over_toes_mm : room before and over the toes, beside what goes around the last.
+    off_leg_mm : distance of the upper's end from where the leg rises.
     """
     pixel = _PIXEL_MM * scale
-    whole = float(np.ptp(foot.vertices[:, 1]))
-    low = foot.submesh((foot.corners[:, :, 2] < _LOW * whole).all(1))
-    length = float(low.vertices[:, 1].max())
+    low = foot.submesh((foot.corners[:, :, 2] < _PRINT * length).all(1))
     plane = Plane.around(low.vertices[:, :2], pixel, _MARGIN_MM * scale + 0.3 * length)
-    heights = front_heights(Mesh(low.vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0], low.faces), plane)
     x, y = plane.centres()
-    seen, ahead, rows = np.isfinite(heights), round(toe_mm / pixel), y[:, 0]
-    longer = _forward(seen, ahead, y > 0.6 * length)
-    left, right = _sides(_closed(longer, 0.3 * length / pixel), rows, (behind - _SIDES_BACK) * length)
+    rows, ahead, toes = y[:, 0], round(toe_mm / pixel), y > 0.6 * length
+    heights = _standing_heights(foot, plane)
+    ridge = np.where((np.abs(x) < 0.12 * length) & np.isfinite(heights), heights, 0.0).max(1)
+    end, leg = _upper_end(ridge, rows, length, cover, off_leg_mm)
+    opening = end - _SIDES_BACK * length
+    cut = float(foot.vertices[:, 2].max()) - 0.01 * length
+    known = np.isfinite(heights) & (heights < min(leg, cut)) & (y > opening)
+    seen = known | np.isfinite(front_heights(_laid(low), plane))
+    left, right = _sides(_closed(_forward(seen, ahead, toes), 0.3 * length / pixel), rows, opening)
     columns = np.arange(plane.width)
     beside = gaussian_filter(_signed((columns >= left) & (columns <= right)) * pixel, 2.0 * blur_mm / pixel)
-    over = np.where(seen, heights, -1.0) + np.where(seen & (y > 0.8 * length), over_toes_mm, 0.0)
     between = round(_BETWEEN_TOES * length / pixel)
-    over = _filled(grey_closing(over, (between, between)), seen, blur_mm / pixel)
-    swept = np.maximum.accumulate(_forward(np.where(longer, over, -np.inf), ahead, y > 0.6 * length), axis=0)
-    start = int(np.searchsorted(-rows, -behind * length))
-    swept[start:] = swept[start]  # what is ahead has to pass
+    over = grey_closing(np.where(known, heights, 0.0), (between, between))
+    over = _filled(over + np.where(y > 0.8 * length, over_toes_mm, 0.0), known, blur_mm / pixel)
+    reached = np.where(_forward(known, ahead, toes), _forward(over, ahead, toes), -np.inf)
+    swept = np.maximum.accumulate(reached, axis=0)  # what is ahead has to pass
+    start = int(np.searchsorted(-rows, -(end - _PAST_END * length)))
+    swept[start:] = swept[start]
     inside = beside < 0.0
     inside[start:] = inside[start]
     swept = np.where(inside, _filled(swept, np.isfinite(swept), blur_mm / pixel), -np.inf)
-    ridge = np.where((np.abs(x) < 0.12 * length) & seen, heights, 0.0).max(1)
-    along = np.interp(np.arange(0.0, length), rows[::-1], ridge[::-1])
     room = _room(swept, plane, _CELL_MM * scale, blur_mm)
-    return Last(length, spline_filter(beside, order=3, mode="nearest"), plane, room, along)
+    top = float(np.interp(end, rows[::-1], ridge[::-1]))
+    return Last(length, spline_filter(beside, order=3, mode="nearest"), plane, room, (end, top))
+
+
+def _upper_end(
+    ridge: np.ndarray, rows: np.ndarray, length: float, cover: float, off_leg_mm: float
+) -> tuple[float, float]:
+    """y where an upper ends over the middle of the foot, as far back as asked or before the foot becomes too high; and the
+    height from which on it is leg."""
+    toes = float(ridge[(rows > 0.82 * length) & (rows < 0.92 * length)].max())
+    most = max(_STEEPEST * length, _OVER_TOES * toes)
+    end = float(rows[ridge > most].max(initial=0.0)) + off_leg_mm
+    return float(np.clip(end, (1.0 - cover) * length, 0.85 * length)), _LEG * most
+
+
+def _standing_heights(mesh: Mesh, plane: Plane) -> np.ndarray:
+    """How high what stands on the floor is over every pixel: up to the first surface that looks up; -inf beside it.
+
+    Seen from below, so that a leg or a belly that leans over the toes hides nothing.
+    """
+    upward = _laid(mesh.submesh(mesh.face_normals[:, 2] > 0.0))
+    heights = -front_heights(upward, plane)
+    return np.where(np.isfinite(heights), heights, -np.inf)
+
+
+def _laid(mesh: Mesh) -> Mesh:
+    """The mesh with its underside to the front."""
+    return Mesh(mesh.vertices[:, [0, 2, 1]], mesh.faces)
 
 
 def _filled(values: np.ndarray, known: np.ndarray, blur: float) -> np.ndarray:

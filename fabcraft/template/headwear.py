@@ -57,16 +57,6 @@ class Head:
         wider = round_mm / self.round_mm
         return self.middle + (points - self.middle) * [wider, wider, 1.0]
 
-    def skin(self, over: "Line", ears: bool = False) -> Points:
-        """The skin above a line round the head, with or without the ears."""
-        vertices = self.part.mesh.vertices
-        keep = over.above(vertices) > 0.0
-        if not ears:
-            for name in ("ear_left", "ear_right"):
-                if name in self.part.regions:
-                    keep[self.part.regions[name].vertex_indices] = False
-        return vertices[keep]
-
 
 @dataclass(frozen=True, eq=False)
 class Line:

@@ -117,7 +117,7 @@ def build(body: Body, settings: Settings) -> Template:
     # from over the ears up no part of a face is in the way: the axis may lean to where brow and nape need it
     axis = _UP if windowed else least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right"))
     # the rounded rim reaches below its line
-    worn = head.skin(rim.lowered(0.6 * (room + wall)), ears=windowed)
+    worn = part.mesh.vertices[rim.above(part.mesh.vertices) > -0.6 * (room + wall)]
     sized = head.sized(worn, size)
     dome = _dome(rim, sized) if part.kind == "character" else sized[:0]
     bounds = covered_bounds(np.vstack([sized, dome]), axis, room + wall + brim + 8.0 * s)

@@ -30,14 +30,14 @@ SOLE_MM, THINNER_MM, BESIDE_MM = 8.0, 2.0, 4.0
 TOE_MM, OVER_TOES_MM, COVER = 12.0, 6.0, 55.0
 _FLOOR_MM = 0.03
 """How far the footbed lies under the lowest point of the foot, so that rounding does not press it in."""
-_STEEPEST, _LEAN = 0.26, 0.11
-"""Height of the foot over its length where the upper ends at the latest; how much farther back its sides go."""
+_LEAN = 0.11
+"""How much farther back the sides of the upper go, over the foot's length."""
 _FOXING_MM, _FOXING_HIGH_MM = 2.0, 9.0
 """How much thicker the side is at the sole, and up to where."""
 _TONGUE_MM, _BEAD = 7.0, 0.35
-_BLUR_MM, _CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 8.0
+_BLUR_MM, _CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 6.0
 _UP = np.array([0.0, 0.0, 1.0])
-_PLACES = ("heel", "ball_medial", "ball_lateral")
+_PLACES = ("ball_medial", "ball_lateral")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,7 @@ class _Slipper:
 
     last: Last
     scale: float
+    """Of its details, over a median man's."""
     level: float
     """Of the upper's inner side in the last's room."""
     bed: tuple[float, float]
@@ -54,9 +55,11 @@ class _Slipper:
     """Thickness under the heel."""
     wall: float
     top: Float64[np.ndarray, "2"]
-    """(y, z) where the upper ends over the instep."""
+    """(y, z) where the upper ends over the instep, but for its tongue."""
     side: Float64[np.ndarray, "2"]
     """(y, z) where it ends at the sole."""
+    corner: float
+    """Rounding between footbed and upper."""
     beside: float = 0.0
     """Distance of the sole's edge from the print."""
 
@@ -97,9 +100,7 @@ class _Slipper:
 
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance inward from the inner side."""
-        return -smooth_common(
-            self.within(points), self.floor(points) - points[:, 2], _INNER_CORNER_MM * self.scale
-        )
+        return -smooth_common(self.within(points), self.floor(points) - points[:, 2], self.corner)
 
     def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
         """How far points are past an edge: behind the upper, and beside the sole there."""
@@ -107,7 +108,7 @@ class _Slipper:
         beside = self.last.beside(points) - (self.beside - half)
         # over the heel the upper's inner side would go on as a tunnel
         sole = smooth_common(beside, points[:, 2] - self.floor(points) - 2.0 * self.scale, 2.0 * self.scale)
-        return smooth_union(self.behind(points), sole, 20.0 * self.scale)
+        return smooth_union(self.behind(points), sole, max(20.0 * self.scale, 7.0 * self.wall))
 
     def detail(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Edge length at the corner between sole and upper, whose outer side is much longer than its middle."""
@@ -126,8 +127,7 @@ def build(body: Body, settings: Settings) -> Template:
     chosen = KIND.settled(settings)
     which = str(chosen.get("side", "left"))
     part, at = KIND.worn(body, f"foot_{which}", [f"{place}_{which}" for place in _PLACES])
-    heel, medial, lateral = (at[f"{place}_{which}"] for place in _PLACES)
-    frame = standing(part.mesh, heel, 0.5 * (medial + lateral))
+    frame = standing(part.mesh, np.mean([at[f"{place}_{which}"] for place in _PLACES], axis=0))
     size = _size(chosen.get("size"), frame.length)
     s = part.scale if part.kind == "character" else frame.length / FOOT_MM
     usual = WALL_MM if part.kind != "character" else max(LEAST_WALL_MM, 0.02 * frame.length)
@@ -141,11 +141,14 @@ def build(body: Body, settings: Settings) -> Template:
     cover = float(chosen.get("cover", COVER))
 
     foot = Mesh(frame.inside(part.mesh.vertices), part.mesh.faces)
-    longer = np.array([size / frame.length, size / frame.length, 1.0])
-    shape = last(foot.with_vertices(foot.vertices * longer), s, 1.0 - cover / 100.0, max(toe - room, 0.0),
-                 max(part.clearance_mm(OVER_TOES_MM) - room, 0.0), _BLUR_MM * s)  # fmt: skip
-    slipper = _slipper(part, foot, shape, s, room, wall, sole, cover / 100.0)
-    edge = EDGE_MM * s
+    longer = foot.with_vertices(foot.vertices * [size / frame.length, size / frame.length, 1.0])
+    over = part.clearance_mm(OVER_TOES_MM)
+    off_leg = wall + 1.5 * room
+    before, above = max(toe - room, 0.0), max(over - room, 0.0)
+    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
+    # a wall that cannot be as thin as the foot is small asks for rounder corners
+    slipper = _slipper(part, foot, shape, max(s, 0.5 * wall / WALL_MM), room, wall, sole)
+    edge = max(EDGE_MM * s, 0.6 * wall)
     bounds = _bounds(slipper, foot, toe)
     sides = Wall(
         slipper.middle, slipper.beyond, slipper.outer, slipper.inner, slipper.squareness, slipper.detail
@@ -191,19 +194,15 @@ def _size(size: float | str | None, own: float) -> float:
 
 
 def _slipper(
-    part: Body, foot: Mesh, shape: Last, s: float, room: float, wall: float, sole: float, cover: float
+    part: Body, foot: Mesh, shape: Last, s: float, room: float, wall: float, sole: float
 ) -> _Slipper:
-    """The fields, once it is known how far back the upper can go."""
-    gap = max(part.clearance_mm(0.0), _FLOOR_MM * s) if part.kind == "character" else _FLOOR_MM * s
-    bed = _footbed(foot, gap)
-    steep = np.flatnonzero(shape.heights > _STEEPEST * shape.length)
-    end = max((1.0 - cover) * shape.length, float(steep.max()) + room if len(steep) else 0.0)
-    top = np.array(
-        [end, float(np.interp(end, np.arange(len(shape.heights)), shape.heights)) + room + 0.5 * wall]
-    )
-    side = np.array([end - _LEAN * shape.length, bed[0]])
-    slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side)
-    covered = foot.vertices[(slipper.behind(foot.vertices) < 4.0 * s) & (foot.vertices[:, 2] < 1.3 * top[1])]
+    """The fields around a last, for the foot that wears it."""
+    bed = _footbed(foot, max(part.clearance_mm(0.0), _FLOOR_MM * s))
+    end, height = shape.end
+    top = np.array([end + _TONGUE_MM * s, height + room + 0.5 * wall])
+    side = np.array([top[0] - _LEAN * shape.length, bed[0]])
+    slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side, _INNER_CORNER_MM * shape.length / FOOT_MM)
+    covered = foot.vertices[(slipper.behind(foot.vertices) < 0.0) & (foot.vertices[:, 2] < 1.3 * top[1])]
     slipper = replace(slipper, level=float(shape.room(covered).max()) + room)
     # the sole ends behind where the sides of the upper do
     middle = np.array([0.0, 0.5 * (end + shape.length), bed[0] + _FOXING_HIGH_MM * s])
@@ -264,7 +263,7 @@ def _motifs(slipper: _Slipper, frame: Frame) -> tuple[MotifFrame, ...]:
     across = np.array([-1.0, 0.0, 0.0])  # whoever looks at the toes sees the foot's right on the left
 
     def on_top(y: float) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-        place = met(slipper.outer, np.array([0.0, y, 0.3 * slipper.top[1]]), _UP, 2.0 * slipper.top[1])
+        place = met(slipper.outer, np.array([0.0, y, 0.3 * slipper.top[1]]), _UP, 3.0 * slipper.top[1])
         out = slope(slipper.outer, place[None], 0.3 * s)[0]
         out = out * [0.0, 1.0, 1.0]
         return place, out / np.linalg.norm(out)

@@ -33,11 +33,15 @@ BAND_MM, OVER_GLABELLA_MM, TILT_DEG = 36.0, 28.0, 8.0
 BRIM_MM, SPREAD_DEG, OPEN_DEG = 62.0, 60.0, 60.0
 REST_DEG = 45.0
 """Half the arc over which the band rests on the forehead."""
+_MOST_OVER = 0.7
+"""Of the head over the glabella that the band may take."""
 _BLUR_MM = 8.0
 _FALL, _ARCH = 0.16, 0.45
 """Slope of the brim in its middle, and how much steeper it is at the side of the head."""
 HALF_BREADTH_MM = 80.0
 """Of a median man's head."""
+_OFF_BRIM_MM = 3.0
+"""Distance of the brim from a face."""
 _ROUNDED = 2.2
 """Exponent of the brim's outline; 2 is an ellipse."""
 _FILLET_MM, _CORNER_MM = 12.0, 9.0
@@ -63,6 +67,8 @@ class _Visor:
     """Half the arc of the brim, radians."""
     open: float
     """Half the arc that is left out behind, radians; 0 where it is closed."""
+    fall: float
+    """Slope of the brim in its middle."""
     pads: tuple[Pad, ...] = ()
 
     def height(self, points: Points) -> Float64[np.ndarray, " N"]:
@@ -91,7 +97,7 @@ class _Visor:
     def over_brim(self, points: Points, within: Float64[np.ndarray, " N"]) -> Float64[np.ndarray, " N"]:
         """Distance over the middle of the brim, which starts under the band and falls, most at its sides."""
         sideways = (points[:, 0] / (HALF_BREADTH_MM * self.head.scale)) ** 2
-        fall = _FALL + _ARCH * sideways
+        fall = self.fall + _ARCH * sideways
         low = -0.5 * self.band - _UNDER * self.wall
         return (self.height(points) - low + fall * np.maximum(within, 0.0)) / np.sqrt(1.0 + fall**2)
 
@@ -136,24 +142,26 @@ def build(body: Body, settings: Settings) -> Template:
     wall = wall_mm(head, chosen, WALL_MM)
     room = float(chosen.get("fit", part.clearance_mm(ROOM_MM)))
     size = fitting_mm(head, chosen.get("size"), KIND.name)
-    band, brim = float(chosen.get("band", BAND_MM * s)), float(chosen.get("brim", BRIM_MM * s))
+    over = float(part.mesh.vertices[:, 2].max() - head.at["glabella"][2])  # little where a head is flat
+    band = float(chosen.get("band", min(BAND_MM * s, _MOST_OVER * over)))
+    brim = float(chosen.get("brim", BRIM_MM * s))
     tilt = np.radians(float(chosen.get("tilt", TILT_DEG)))
     axis = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
-    middle = head.at["glabella"] * [0.0, 1.0, 1.0] + OVER_GLABELLA_MM * s * _UP
+    middle = head.at["glabella"] * [0.0, 1.0, 1.0] + min(OVER_GLABELLA_MM * s, 0.5 * _MOST_OVER * over) * _UP
     spread, open_ = (
         np.radians(float(chosen.get(*one))) for one in (("spread", SPREAD_DEG), ("open", OPEN_DEG))
     )
 
-    worn = _worn(head, middle, axis, 0.5 * band + 0.5 * wall)
+    worn = part.mesh.vertices[(part.mesh.vertices - middle) @ axis > -0.5 * (band + wall)]
     sized = head.sized(worn, size)
     bounds = covered_bounds(sized, axis, room + wall + 8.0 * s)
     bounds[0, 1:] -= [brim, 0.7 * brim]
     bounds[:, 0] += np.array([-0.7, 0.7]) * brim
     promised, gap = pad_gap_mm(head)
     lining = Lining.around(worn, axis, room, gap, _BLUR_MM * s, bounds, 0.3, sized, sized[:0])
-    visor = _Visor(head, lining, middle, axis, wall, band, brim, spread, 0.5 * open_)
+    visor = _Visor(head, lining, middle, axis, wall, band, brim, spread, 0.5 * open_, _FALL)
     pads = _pads(visor)
-    visor = replace(visor, pads=tuple(pads.values()))
+    visor = replace(visor, pads=tuple(pads.values()), fall=_fall(visor))
 
     edge = EDGE_MM * s
     sides = Wall(visor.middle_of, visor.beyond, visor.outer, visor.inner)
@@ -185,15 +193,19 @@ def build(body: Body, settings: Settings) -> Template:
     )
 
 
-def _worn(
-    head: Head, middle: Float64[np.ndarray, "3"], axis: Float64[np.ndarray, "3"], below: float
-) -> Points:
-    """The skin above the lower edge of the band, without ears: all of it has to come out of the band."""
-    keep = (head.part.mesh.vertices - middle) @ axis > -below
-    for name in ("ear_left", "ear_right"):
-        if name in head.part.regions:
-            keep[head.part.regions[name].vertex_indices] = False
-    return head.part.mesh.vertices[keep]
+def _fall(visor: _Visor) -> float:
+    """The usual slope of the brim, or less where a brow or a snout stands in its way."""
+    skin = visor.head.part.mesh.vertices
+    within = visor.lining.within(skin)
+    low = -0.5 * visor.band - _UNDER * visor.wall
+    clear = 0.5 * visor.wall + visor.head.part.clearance_mm(_OFF_BRIM_MM)
+    below = (visor.past_brim(skin, within) < visor.wall) & (within > 0.5 * visor.wall)
+    below &= visor.height(skin) < 0.5 * visor.band
+    if not below.any():
+        return _FALL
+    sideways = (skin[below, 0] / (HALF_BREADTH_MM * visor.head.scale)) ** 2
+    most = (low - clear - visor.height(skin[below])) / within[below] - _ARCH * sideways
+    return float(min(_FALL, most.min()))
 
 
 def _pads(visor: _Visor) -> dict[str, Pad]:
