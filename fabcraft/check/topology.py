@@ -20,6 +20,8 @@ from fabcraft.mesh import Mesh
 # Intersecting faces whose area stays below this are smaller than a printed bead's footprint shows.
 _HARMLESS_MM2 = 1.0
 _FLAT_MM = 1e-6
+_ASKEW = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3.0
+"""A rotation that no surface is aligned with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +215,17 @@ def _crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
         return None
     if len(faces) == 0:
         return np.zeros(0, dtype=bool)
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
+    found = np.zeros(len(faces), dtype=bool)
+    # neighbours in one plane may seem to cross, by rounding: what crosses does so however it is turned
+    for turn in (np.eye(3), _ASKEW):
+        meshes = pymeshlab.MeshSet(verbose=False)
+        meshes.add_mesh(pymeshlab.Mesh((vertices - vertices.mean(0)) @ turn, faces.astype(np.int32)))
+        meshes.compute_selection_by_self_intersections_per_face()
+        crossing = np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
+        found = crossing if turn is not _ASKEW else found & crossing
+        if not found.any():
+            break
+    return found
 
 
 def _manifold_status(mesh: Mesh, vertices: np.ndarray, faces: np.ndarray) -> str | None:

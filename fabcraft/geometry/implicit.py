@@ -10,15 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
+from scipy.spatial import ConvexHull
 
-from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.voxels import Field, Grid, isosurface, narrow_band
+from fabcraft.errors import SolidError
+from fabcraft.geometry.voxels import Field, Grid, isosurface
 from fabcraft.mesh import Mesh
 
 _COARSER = 4
 """A field is sought on nodes this many cells apart first."""
-_STEEP = 1.6
-"""Steepest that a field may be in the places where the search may not miss its surface."""
+_ROWS = 4096
+_NEAR = 3.0
+"""Cells from the surface to which a field is worked out exactly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,35 +41,66 @@ class GridField:
         return map_coordinates(self.coefficients, places.T, order=3, mode="nearest", prefilter=False)
 
 
-def blurred_distance(
-    mesh: Mesh,
+def blurred(
+    field: Field,
     bounds: Float64[np.ndarray, "2 3"],
     blur_mm: float,
     cell_mm: float,
     mirrored: bool = False,
 ) -> GridField:
-    """The signed distance to `mesh` within `bounds`, averaged over a ball of about `blur_mm` (a Gaussian's sigma).
+    """The mean of `field` over a Gaussian of sigma `blur_mm`, within `bounds`, on a grid of `cell_mm`.
 
-    A mean of distances never changes faster than the way, so the space between two level sets is at least their difference.
-    mirrored : the mesh is symmetric to x = 0, and half the work is done.
+    A mean of distances never changes faster than the way, so the space between two of its level sets is at least the
+    difference of the levels.  mirrored : the field is symmetric to x = 0, and half the work is done.
     """
+    bounds = np.array(bounds)
     margin = 3.0 * blur_mm
     if mirrored:
-        bounds = np.array(bounds)
         bounds[0, 0] = margin
     grid = Grid.around(bounds, cell_mm, margin)
-    values = SurfaceDistance(mesh).signed(grid.positions(np.arange(grid.size))).reshape(grid.shape)
-    if mirrored:  # from the nodes half a cell before the plane, the rest is reflected there
-        first = round((0.5 * cell_mm - grid.origin[0]) / cell_mm)
-        half = values[first:]
+    values = field(grid.positions(np.arange(grid.size))).reshape(grid.shape)
+    if mirrored:  # what lies beyond the plane is reflected, and only a rim of it kept
+        half = values[round((0.5 * cell_mm - grid.origin[0]) / cell_mm) :]
         values = gaussian_filter(np.concatenate([half[::-1], half]), blur_mm / cell_mm, mode="nearest")
         values = values[len(half) - 4 :]
-        origin = (-3.5 * cell_mm, grid.origin[1], grid.origin[2])
         x, y, z = values.shape
-        grid = Grid(origin, cell_mm, (x, y, z))
+        grid = Grid((-3.5 * cell_mm, grid.origin[1], grid.origin[2]), cell_mm, (x, y, z))
     else:
         values = gaussian_filter(values, blur_mm / cell_mm, mode="nearest")
     return GridField(grid, spline_filter(values, order=3, mode="nearest"), mirrored)
+
+
+@dataclass(frozen=True, eq=False)
+class Convex:
+    """The convex hull of points as a field: the largest of the distances to its planes.
+
+    Exact inside; outside it is the distance to the hull with its edges mitred instead of rounded.
+    """
+
+    normals: Float64[np.ndarray, "K 3"]
+    offsets: Float64[np.ndarray, " K"]
+    mirrored: bool
+    """Whether it is symmetric to x = 0, and the planes are those that face x >= 0."""
+
+    @staticmethod
+    def around(points: Float64[np.ndarray, "N 3"], mirrored: bool = False) -> "Convex":
+        """The hull of `points`, mm; with their mirror images where `mirrored`."""
+        if mirrored:
+            points = np.concatenate([points, points * [-1.0, 1.0, 1.0]])
+        planes = np.unique(np.round(ConvexHull(points).equations, 9), axis=0)
+        if mirrored:
+            planes = planes[planes[:, 0] > -1e-6]
+        return Convex(planes[:, :3], planes[:, 3], mirrored)
+
+    def __call__(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
+        """Signed distance, mm, negative inside."""
+        if self.mirrored:
+            points = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
+        values = np.empty(len(points))
+        for start in range(0, len(points), _ROWS):
+            rows = slice(start, start + _ROWS)
+            values[rows] = (points[rows] @ self.normals.T + self.offsets).max(1)
+        return values
 
 
 def round_wall(
@@ -92,43 +125,71 @@ def smooth_common(
     return -smooth_union(-one, -other, round_mm)
 
 
-def skin(
+def sheet(
     field: Field, bounds: Float64[np.ndarray, "2 3"], cell_mm: float, mirrored: bool = False, name: str = ""
 ) -> Mesh:
-    """The surface where `field` is zero within `bounds`, by marching cubes, mm.
+    """The surface where `field` is zero within `bounds`, by marching cubes, mm; open where it leaves them.
 
-    mirrored : only x > 0 and a little beyond; the surface is open there.
-    The field is sought on a coarse grid and worked out on the fine one near what was found.
+    mirrored : only x > 0 and a little beyond.
+    The field is worked out on a coarse grid everywhere, and on the fine one near what was found.
+    Raises `SolidError` when it is zero nowhere.
     """
     bounds = np.array(bounds)
     if mirrored:
         bounds[0, 0] = 0.0
-    coarse = Grid.around(bounds, _COARSER * cell_mm, 0.0)
-    nodes = coarse.positions(np.arange(coarse.size))
-    reach = 0.5 * np.sqrt(3.0) * _COARSER * cell_mm
-    found = nodes[np.abs(field(nodes)) < _STEEP * reach]
-    grid = Grid.around(bounds, cell_mm, 0.0)
-    marked = np.zeros(grid.shape, dtype=bool)
-    # a cube of fine nodes round every coarse one: together they leave no gap
-    index = np.rint((found - np.array(grid.origin)) / cell_mm).astype(np.int64)
-    span = np.arange(-(_COARSER // 2), _COARSER // 2 + 1)
-    for offset in np.stack(np.meshgrid(span, span, span, indexing="ij"), -1).reshape(-1, 3):
-        at = index + offset
-        at = at[((at >= 0) & (at < grid.shape)).all(1)]
-        marked[tuple(at.T)] = True
-    return isosurface(grid, narrow_band(grid, marked, field), name)
+    coarse, fine = Grid.around(bounds, _COARSER * cell_mm, 0.0), Grid.around(bounds, cell_mm, 0.0)
+    values = field(coarse.positions(np.arange(coarse.size))).reshape(coarse.shape)
+    axes = [
+        np.clip(
+            (fine.origin[k] + cell_mm * np.arange(fine.shape[k]) - coarse.origin[k]) / coarse.cell_mm,
+            0,
+            coarse.shape[k] - 1,
+        )
+        for k in range(3)
+    ]
+    for axis, places in enumerate(axes):  # linear between coarse nodes, one axis after the other
+        low = np.minimum(places.astype(int), values.shape[axis] - 2)
+        share = (places - low).reshape([-1 if k == axis else 1 for k in range(3)])
+        values = (1.0 - share) * np.take(values, low, axis) + share * np.take(values, low + 1, axis)
+    near = np.flatnonzero(np.abs(values) < _NEAR * cell_mm)
+    values.reshape(-1)[near] = field(fine.positions(near))
+    return isosurface(fine, values, name)
 
 
 def settled(mesh: Mesh, field: Field, reach_mm: float, rounds: int = 2) -> Mesh:
     """The vertices moved onto the surface where `field` is zero, by Newton's steps of at most `reach_mm`."""
     points = np.array(mesh.vertices)
-    step = 0.05 * reach_mm
+    gradient = slope(field, points, 0.05 * reach_mm)
     for _ in range(rounds):
-        value = field(points)
-        slope = np.stack(
-            [(field(points + way) - field(points - way)) / (2.0 * step) for way in step * np.eye(3)], axis=1
-        )
-        move = -(value / np.maximum((slope**2).sum(1), 0.25))[:, None] * slope
+        move = -(field(points) / np.maximum((gradient**2).sum(1), 0.25))[:, None] * gradient
         length = np.linalg.norm(move, axis=1, keepdims=True)
         points += move * np.minimum(1.0, reach_mm / np.maximum(length, 1e-12))
     return mesh.with_vertices(points)
+
+
+def met(
+    field: Field, start: Float64[np.ndarray, "3"], direction: Float64[np.ndarray, "3"], reach_mm: float
+) -> Float64[np.ndarray, "3"]:
+    """The last place where `field` becomes positive on the way from `start`, mm.
+
+    Raises `SolidError` when it does not on the first `reach_mm`.
+    """
+    along = np.linspace(0.0, reach_mm, 400)
+    inside = field(start + along[:, None] * direction) < 0.0
+    leaving = np.flatnonzero(inside[:-1] & ~inside[1:])
+    if not len(leaving):
+        raise SolidError("a ray meets no surface where one was expected", "Check the body's landmarks.")
+    low, high = along[leaving[-1]], along[leaving[-1] + 1]
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if field((start + middle * direction)[None])[0] < 0.0:
+            low = middle
+        else:
+            high = middle
+    return start + low * direction
+
+
+def slope(field: Field, points: Float64[np.ndarray, "N 3"], step_mm: float) -> Float64[np.ndarray, "N 3"]:
+    """The gradient of `field` by central differences of `step_mm` either way."""
+    ways = step_mm * np.eye(3)
+    return np.stack([(field(points + way) - field(points - way)) / (2.0 * step_mm) for way in ways], axis=1)

@@ -11,7 +11,7 @@ length, overlapping what was meshed before, so that the triangles grow evenly.
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float64, Int32
+from jaxtyping import Bool, Float64, Int32
 
 from fabcraft.errors import InputError, MissingError, SolidError
 from fabcraft.mesh import Mesh
@@ -19,13 +19,18 @@ from fabcraft.mesh import Mesh
 Lengths = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
 """Wanted edge length at points, mm; it should change by no more than about half of the way."""
 
-_ROUNDS = 8
+_ROUNDS = 6
 _NO_CREASE_DEG = 180.0
 _MEAN_SHARE = 0.96
 """Asked for this share of a length, MeshLab's mean edge is that length."""
 _MOST_LOST = 0.1
 """A closed surface whose volume changes by a larger share is no longer the same shape."""
-_ON_PLANE_MM = 1e-9
+_OFF_PLANE = 0.15
+"""Before it is cut in the plane of symmetry, a surface's vertices are moved off it by this share of an edge."""
+_LEAST_SHARE = 0.5
+"""Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
+_FACES_USED = 1.3
+"""Faces that remeshing starts from, over those that it makes."""
 _OVERLAP = 1.4
 """A part is meshed together with neighbours that want up to this many times the longest length of the part."""
 
@@ -54,7 +59,8 @@ def isotropic(
         raise InputError(f"an edge length of {edge_mm} mm was asked", "Give a length above 0.")
     if len(mesh.faces) == 0:
         raise InputError(f"mesh {mesh.name or '(unnamed)'} has no faces to remesh", "Give a surface.")
-    given = _positive_half(mesh) if mirrored else mesh
+    thin = _thinned(mesh, edge_mm, finer)
+    given = _positive_half(thin) if mirrored else thin
     euler, bordered, branching = _topology(given.faces)
     if branching:
         raise InputError(
@@ -62,8 +68,11 @@ def isotropic(
             "Repair it first (fabcraft solid).",
         )
     even = given
-    for length_mm, chosen in _parts(edge_mm, finer):
+    passes = _passes(given, edge_mm, finer)
+    for length_mm, chosen in passes:
         even = _remeshed(even, length_mm, crease_deg, rounds, chosen)
+    if len(passes) > 1:  # a seam between two passes keeps what short edges the surface had there
+        even = _remeshed(even, _LEAST_SHARE * passes[-1][0], crease_deg, 2, None, split=False)
     # a half that ends in the plane x = 0 encloses a volume with it, as its cap adds nothing to the divergence
     closed = mirrored or not bordered
     lost = closed and abs(even.volume_mm3 - given.volume_mm3) > _MOST_LOST * abs(given.volume_mm3)
@@ -72,31 +81,51 @@ def isotropic(
             f"{mesh.name or 'the surface'} cannot be meshed with edges of {edge_mm:g} mm: its details are too small",
             "Ask for shorter edges.",
         )
-    return _reflected(even) if mirrored else even
+    return reflected(even, 0.1 * edge_mm) if mirrored else even
+
+
+def _thinned(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> Mesh:
+    """The surface with no more faces than remeshing can use: quadrics keep the shape and halve the work."""
+    corners = mesh.corners
+    wanted = np.full(len(corners), edge_mm) if finer is None else np.minimum(finer(corners.mean(1)), edge_mm)
+    useful = _FACES_USED * float((mesh.face_areas / (0.433 * wanted**2)).sum())
+    if len(mesh.faces) < 1.25 * useful:
+        return mesh
+    import fast_simplification
+
+    vertices, faces = fast_simplification.simplify(
+        np.array(mesh.vertices), np.array(mesh.faces), 1.0 - useful / len(mesh.faces)
+    )
+    fewer = Mesh(vertices.astype(np.float64), faces.astype(np.int32), mesh.name).submesh(slice(None))
+    return fewer if _topology(fewer.faces) == _topology(mesh.faces) else mesh
 
 
 Chosen = Callable[[Mesh], np.ndarray] | None
 """Mask of the faces to mesh; None for all."""
 
 
-def _parts(edge_mm: float, finer: Lengths | None) -> list[tuple[float, Chosen]]:
-    """Edge length and faces of every pass, the longest edges first."""
+def _passes(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> list[tuple[float, Chosen]]:
+    """Edge length and faces of every pass, the longest edges first, each about half of the one before."""
     if finer is None:
         return [(edge_mm, None)]
+    shortest = min(float(finer(mesh.corners.mean(1)).min()), edge_mm)
+    halvings = round(np.log2(edge_mm / shortest))
+    step = (shortest / edge_mm) ** (1.0 / max(halvings, 1))
 
-    def between(low: float, high: float) -> Callable[[Mesh], np.ndarray]:
-        def chosen(mesh: Mesh) -> np.ndarray:
-            wanted = np.minimum(finer(mesh.corners.mean(1)), edge_mm)
-            return (wanted > low) & (wanted <= high)
+    def near(length: float) -> Callable[[Mesh], np.ndarray]:
+        def chosen(part: Mesh) -> np.ndarray:
+            wanted = finer(part.corners.mean(1))
+            longest = np.inf if length == edge_mm else _OVERLAP * length / np.sqrt(step)
+            return (wanted > length * np.sqrt(step)) & (wanted < longest)
 
         return chosen
 
-    lengths = [edge_mm / 2**k for k in range(4)]
-    bounds = [(0.75 * length, _OVERLAP * 1.5 * length) for length in lengths]
-    return [(length, between(low, high)) for length, (low, high) in zip(lengths, bounds, strict=True)]
+    return [(length, near(length)) for length in edge_mm * step ** np.arange(halvings + 1)]
 
 
-def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen) -> Mesh:
+def _remeshed(
+    mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True
+) -> Mesh:
     """One run of MeshLab's filter over the chosen faces."""
     try:
         import pymeshlab
@@ -114,50 +143,58 @@ def _remeshed(mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen
         featuredeg=crease_deg,
         checksurfdist=False,
         selectedonly=chosen is not None,
+        splitflag=split,
     )
     meshes.meshing_remove_unreferenced_vertices()
     result = meshes.current_mesh()
     return Mesh(result.vertex_matrix(), result.face_matrix().astype(np.int32), mesh.name)
 
 
-def _positive_half(mesh: Mesh) -> Mesh:
-    """What of the surface lies at x > 0, with a border in the plane x = 0."""
-    x = mesh.vertices[:, 0]
-    x = np.where(
-        np.abs(x) < _ON_PLANE_MM, _ON_PLANE_MM, x
-    )  # no vertex on the plane: every face is cut or not
+def clipped(mesh: Mesh, values: Float64[np.ndarray, " V"]) -> Mesh:
+    """What of the surface has positive `values`, linear over its faces, with a border where they are zero."""
+    signed = np.where(
+        values < 0.0, np.minimum(values, -1e-12), np.maximum(values, 1e-12)
+    )  # no vertex on the border
     ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    ends = ends[x[ends[:, 0]] * x[ends[:, 1]] < 0.0].astype(np.int64)
-    share = (x[ends[:, 0]] / (x[ends[:, 0]] - x[ends[:, 1]]))[:, None]
+    ends = ends[signed[ends[:, 0]] * signed[ends[:, 1]] < 0.0].astype(np.int64)
+    share = (signed[ends[:, 0]] / (signed[ends[:, 0]] - signed[ends[:, 1]]))[:, None]
     cuts = (1.0 - share) * mesh.vertices[ends[:, 0]] + share * mesh.vertices[ends[:, 1]]
-    cuts[:, 0] = 0.0
-    code = ends @ [len(x), 1]
+    code = ends @ [len(signed), 1]
 
     def cut(one: np.ndarray, other: np.ndarray) -> np.ndarray:
         low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
-        return len(x) + np.searchsorted(code, low * len(x) + high)
+        return len(signed) + np.searchsorted(code, low * len(signed) + high)
 
-    kept = [mesh.faces[(x[mesh.faces] > 0.0).all(1)]]
+    inside = signed > 0.0
+    pieces = [mesh.faces[inside[mesh.faces].all(1)]]
     for corner in range(3):
         a, b, c = mesh.faces[:, np.roll(np.arange(3), -corner)].T
-        lone = (x[a] > 0.0) & (x[b] < 0.0) & (x[c] < 0.0)
-        pair = (x[a] < 0.0) & (x[b] > 0.0) & (x[c] > 0.0)
-        kept.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
-        kept.append(np.stack([cut(a, b), b, c], 1)[pair])
-        kept.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
-    faces = np.concatenate(kept).astype(np.int32)
-    return Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name).submesh(
-        np.ones(len(faces), dtype=bool)
-    )
+        lone, pair = inside[a] & ~inside[b] & ~inside[c], ~inside[a] & inside[b] & inside[c]
+        pieces.append(np.stack([a, cut(a, b), cut(c, a)], 1)[lone])
+        pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
+        pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
+    faces = np.concatenate(pieces).astype(np.int32)
+    return Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name).submesh(slice(None))
 
 
-def _reflected(half: Mesh) -> Mesh:
-    """The half and its mirror image, joined along the plane x = 0."""
+def _positive_half(mesh: Mesh) -> Mesh:
+    """What of the surface lies at x > 0, with a border in the plane x = 0."""
+    vertices = np.array(mesh.vertices)
+    x = vertices[:, 0]
+    kept = mesh.corners[(x[mesh.faces] > 0.0).any(1)]
+    # no vertex next to the plane: no cut leaves a needle
+    off = _OFF_PLANE * float(np.linalg.norm(kept - np.roll(kept, 1, axis=1), axis=2).mean())
+    x[:] = np.where(np.abs(x) < off, np.where(x < 0.0, -off, off), x)
+    return clipped(mesh.with_vertices(vertices), x)
+
+
+def reflected(half: Mesh, near_mm: float) -> Mesh:
+    """The half and its mirror image, joined along its border within `near_mm` of the plane x = 0."""
     directed = half.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     pairs, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     vertices = np.array(half.vertices)
-    rim = np.unique(pairs[count == 1])
-    rim = rim[np.abs(vertices[rim, 0]) < 1e-3]  # other borders of an open surface may lie anywhere
+    seam = pairs[count == 1]
+    rim = np.unique(seam[(np.abs(vertices[seam, 0]) < near_mm).all(1)])  # other borders may end at the plane
     vertices[rim, 0] = 0.0
     image = np.arange(len(vertices)) + len(vertices)
     image[rim] = rim
@@ -175,3 +212,17 @@ def _topology(faces: Int32[np.ndarray, "F 3"]) -> tuple[int, int, bool]:
         bool((count == 1).any()),
         bool((count > 2).any()),
     )
+
+
+def isotropic_within(mesh: Mesh, edge_mm: float, chosen: Bool[np.ndarray, " F"]) -> Mesh:
+    """The same for the chosen faces alone; the others stay as they are.
+
+    Raises `SolidError` when the genus or the borders would change.
+    """
+    even = _remeshed(mesh, edge_mm, _NO_CREASE_DEG, _ROUNDS, lambda _: chosen)
+    if _topology(even.faces) != _topology(mesh.faces):
+        raise SolidError(
+            f"{mesh.name or 'the surface'} cannot be meshed with edges of {edge_mm:g} mm: its details are too small",
+            "Ask for shorter edges.",
+        )
+    return even

@@ -1,4 +1,4 @@
-"""A closed band around a limb: a rounded profile swept along a rolled plane, in near-equilateral triangles.
+"""A band around a limb: a rounded profile swept along a rolled plane, in near-equilateral triangles; closed or with a gap.
 
 The surface is made of lines that run around the band, evenly spaced over the profile; every second line is half a step
 ahead, so that the triangles between two lines are equilateral and edges stay as smooth as the lines.
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from fabcraft.mesh import Mesh
+from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
 
 Along = Callable[[Float64[np.ndarray, " N"]], Float64[np.ndarray, " N"]]
@@ -97,6 +98,38 @@ def closed_band(
     mesh = Mesh(rolled.world(flat), _between_lines(lines, count), name)
     middle_w = 0.5 * (profile.inner(flat[:, 0]) + profile.outer(flat[:, 0])) - profile.taper * flat[:, 1]
     return mesh, (flat[:, 2] < middle_w + 1e-9)[mesh.faces].all(1)
+
+
+def open_band(
+    rolled: Rolled,
+    size_mm: tuple[float, float],
+    gap_mm: float,
+    rounding_mm: float,
+    crown_mm: float,
+    edge_mm: float,
+    name: str,
+) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
+    """A band with a gap opposite its middle and round ends, and which of its faces are on the inner side.
+
+    size_mm : width along v, and thickness at its edges; in the middle it is `crown_mm` thicker.
+    gap_mm : distance between the ends, in a straight line.
+    """
+    width, wall = size_mm
+    u = np.linspace(0.2, 0.5, 600) * rolled.oval.length
+    ends = [rolled.world(np.column_stack([side * u, 0.0 * u, 0.0 * u])) for side in (-1.0, 1.0)]
+    apart = np.linalg.norm(ends[1] - ends[0], axis=1)
+    long, half, round_ = float(u[len(u) - 1 - np.argmax(apart[::-1] > gap_mm)]), 0.5 * width, 0.47 * width
+    turn = np.linspace(0.0, 0.5 * np.pi, 60)
+    corner = np.stack([long - round_ * (1.0 - np.cos(turn)), half - round_ * (1.0 - np.sin(turn))], 1)
+    right = np.concatenate([corner[::-1] * [1.0, -1.0], corner])
+    outline = np.concatenate([right, right[::-1] * [-1.0, 1.0]])[::-1]
+    # measured inside, where the plane is rolled tightest
+    inner_edge = edge_mm / (1.0 + np.pi * wall / rolled.oval.length)
+    flat = plate([outline], wall, [Rim(rounding_mm, rounding_mm)], inner_edge)
+    places = flat.points.copy()
+    share = places[:, 2] / wall
+    places[:, 2] += crown_mm * share * (1.0 - (places[:, 1] / half) ** 2)
+    return Mesh(rolled.world(places), flat.faces, name), (share < 0.5 + 1e-9)[flat.faces].all(1)
 
 
 def _between_lines(lines: int, count: int) -> np.ndarray:

@@ -5,7 +5,6 @@ the wrist at 12 mm more girth; its gap lets the narrow side of the wrist through
 turned until the gap lies on the palm's side.  Sizes: Indian bangle sizes, "2-4" is 2 4/16 inch of inner diameter.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,24 +13,23 @@ from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation
 
 from fabcraft.body.body import Body
+from fabcraft.body.measures import FOLDED, folded_hand_mm
+from fabcraft.body.sizes import BANGLE_PLAY_MM, FOLDED_HAND, asked
 from fabcraft.body.tape import girth
 from fabcraft.errors import InputError
 from fabcraft.geometry.oval import Oval, angles
 from fabcraft.mesh import Mesh
-from fabcraft.template.band import Profile, closed_band
+from fabcraft.template.band import Profile, closed_band, open_band
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.limb import Axes, Station, along, centred, facing, loft, poses, station, straight
-from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 
 EDGE_MM, WALL_MM, LEAST_WALL_MM, WIDTH_MM = 1.4, 3.0, 1.6, 14.0
 WRIST_MM = 174.0
 """Girth of a median man's wrist, which the listed lengths belong to."""
-FOLDED = 1.07
-"""Girth of the folded hand over that of the flat one."""
 _ROUNDNESS = 0.93
-_OVER_HAND_MM, _OVER_WRIST_MM = 4.0, 12.0
+_OVER_WRIST_MM = 12.0
 _ABOVE_WRIST_MM = 20.0
 _HANGING_MM = 0.5
 """Gap where a closed bangle hangs from the wrist."""
@@ -50,6 +48,8 @@ class _Wrist:
     """Where a bangle is worn, and how large it is made."""
 
     part: Body
+    folded_mm: float
+    """Girth of the folded hand; 0 for what does not fold."""
     bone: Float64[np.ndarray, "3"]
     """The wrist's."""
     knuckles: Float64[np.ndarray, "3"]
@@ -90,7 +90,9 @@ def build(body: Body, settings: Settings) -> Template:
     chosen = KIND.settled(settings)
     hand, open_ = str(chosen.get("hand", "left")), chosen.get("style", "closed") == "open"
     part, at = KIND.worn(body, f"hand_{hand}", [f"{place}_{hand}" for place in _PLACES])
-    wrist = _wrist(part, [at[f"{place}_{hand}"] for place in _PLACES], chosen)
+    soft = part.kind != "character"
+    folded = float(chosen.get("folded_hand", folded_hand_mm(body, hand) if soft else 0.0))
+    wrist = _wrist(part, folded, [at[f"{place}_{hand}"] for place in _PLACES], chosen)
     edge = EDGE_MM * float(np.clip(wrist.scale, 0.4, 1.0))
     made = (_open if open_ else _closed)(wrist, chosen, edge)
     return Template(
@@ -120,16 +122,14 @@ def diameter_mm(size: str | float) -> float:
     """
     if isinstance(size, int | float):
         return float(size)
-    match = re.fullmatch(r"([1-3])-(\d{1,2})", size.strip())
-    if match is None or int(match[2]) > 15:
-        raise InputError(
-            f"there is no bangle size '{size}'", 'Write "2-4" to "2-14", or the inner diameter in mm.'
-        )
-    return 25.4 * (int(match[1]) + int(match[2]) / 16.0)
+    name = size.strip().upper()
+    return (
+        asked({FOLDED_HAND: name if name.startswith("IN") else f"IN{name}"})[0].mm + BANGLE_PLAY_MM
+    ) / np.pi
 
 
 def _wrist(
-    part: Body, places: Sequence[Float64[np.ndarray, "3"]], chosen: Mapping[str, float | str]
+    part: Body, folded: float, places: Sequence[Float64[np.ndarray, "3"]], chosen: Mapping[str, float | str]
 ) -> _Wrist:
     bone, first, last, back, palm, tip = places
     knuckles, soft = 0.5 * (first + last), part.kind != "character"
@@ -143,23 +143,33 @@ def _wrist(
     if soft:
         origin, axes = centred(part.mesh, origin, axes, 8.0 * scale)
     natural = WALL_MM if soft else max(LEAST_WALL_MM, 0.02 * float(part.mesh.size_mm.max()))
-    along = np.linspace(-0.5 * width, 0.5 * width, _SECTIONS)
-    oval = Oval.holding([station(part.mesh, origin + at * axes[2], axes).oval for at in along])
+    places = np.linspace(-0.5 * width, 0.5 * width, _SECTIONS)
+    oval = Oval.holding([station(part.mesh, origin + at * axes[2], axes).oval for at in places])
     return _Wrist(
-        part, bone, knuckles, tip, origin, axes, oval, scale, width, float(chosen.get("thickness", natural))
+        part,
+        folded,
+        bone,
+        knuckles,
+        tip,
+        origin,
+        axes,
+        oval,
+        scale,
+        width,
+        float(chosen.get("thickness", natural)),
     )
 
 
 def _closed(wrist: _Wrist, chosen: Mapping[str, float | str], edge: float) -> _Made:
     gap, size = wrist.part.clearance_mm(_HANGING_MM), chosen.get("size")
     gives = _HAND_GIVES_MM * wrist.scale if wrist.soft else 0.0
-    stations = _over_the_hand(wrist, chosen.get("folded_hand"))
+    stations = _over_the_hand(wrist)
     hand = max(one.oval.length for one in stations)
     ellipse = Oval.ellipse(1.0, _ROUNDNESS)
     held = [ellipse.scaled(hand / ellipse.length), wrist.oval.grown(gap).moved(-wrist.oval.middle)]
     shape = Oval.holding([*held, *([] if wrist.soft else [one.oval.grown(gap) for one in stations])])
     needed = max(hand, shape.length)
-    inside = needed + _OVER_HAND_MM * wrist.scale if size is None else np.pi * diameter_mm(size)
+    inside = needed + BANGLE_PLAY_MM * wrist.scale if size is None else np.pi * diameter_mm(size)
     if inside < needed - gives:
         raise InputError(
             f"a closed bangle of {inside:.0f} mm inner girth does not go over the folded hand of {needed:.0f} mm",
@@ -198,11 +208,10 @@ def _named(needed: float) -> str:
     return f"size 2-{sixteenths}, or " if 0 <= sixteenths < 16 else ""
 
 
-def _over_the_hand(wrist: _Wrist, taped: float | str | None) -> list[Station]:
+def _over_the_hand(wrist: _Wrist) -> list[Station]:
     """Sections of the hand from the seat to past its tip, around a straight line.
 
-    A person's folds to `FOLDED` times its flat girth at the knuckles, or to what was taped.  What does not fold has to go
-    through as it is seen along the line.
+    What does not fold has to go through as it is seen along the line.
     """
     part, axes = wrist.part, wrist.axes
     if not wrist.soft:
@@ -213,7 +222,7 @@ def _over_the_hand(wrist: _Wrist, taped: float | str | None) -> list[Station]:
         middle = wrist.origin + shadow.middle @ axes[:2]
         return [Station(middle + at * axes[2], axes, shadow.moved(-shadow.middle)) for at in line]
     flesh = station(part.mesh, wrist.knuckles, facing(wrist.knuckles - wrist.bone, axes[1]))
-    most = FOLDED * flesh.oval.length if taped is None else float(taped)
+    most = wrist.folded_mm
     stations = []
     for index, one in enumerate(along(part.mesh, straight([wrist.origin, flesh.middle], _STEPS), axes)):
         folded = one.oval.length * FOLDED ** min(1.0, 2.0 * index / _STEPS)
@@ -277,7 +286,9 @@ def _open(wrist: _Wrist, chosen: Mapping[str, float | str], edge: float) -> _Mad
             f"open by {flex:.1f} mm each",
             f"Choose a gap of {needed:.1f} mm or more.",
         )
-    mesh, locked = _cuff(rolled, wrist, gap, edge)
+    mesh, locked = open_band(
+        rolled, (wrist.width, wrist.wall), gap, 0.45 * wrist.wall, _CROWN * wrist.wall, edge, KIND.name
+    )
     why = f"each end springs open by {flex:.1f} mm" + ("" if gives == flex else " and the skin gives")
     return _Made(
         mesh,
@@ -308,27 +319,6 @@ def _turning(narrow: Oval, around: Oval) -> float:
     still, quarter = narrow.moved(-narrow.middle).support, len(narrow.support) // 4
     turned = around.moved(-around.middle).support
     return max(float((still - np.roll(turned, shift)).max()) for shift in range(0, quarter + 1, 6))
-
-
-def _cuff(rolled: Rolled, wrist: _Wrist, gap: float, edge: float) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
-    """A plate with round ends, rolled; the gap is the distance between its ends."""
-    u = np.linspace(0.25, 0.5, 400) * rolled.oval.length
-    ends = [rolled.world(np.column_stack([side * u, 0 * u, 0 * u])) for side in (-1.0, 1.0)]
-    apart = np.linalg.norm(ends[1] - ends[0], axis=1)
-    long = float(u[len(u) - 1 - np.argmax((apart > gap)[::-1])])
-    half, round_ = 0.5 * wrist.width, 0.45 * wrist.width
-    turn = np.linspace(0.0, 0.5 * np.pi, 60)
-    corner = np.stack([long - round_ * (1.0 - np.cos(turn)), half - round_ * (1.0 - np.sin(turn))], 1)
-    right = np.concatenate([corner[::-1] * [1.0, -1.0], corner])
-    outline = np.concatenate([right, right[::-1] * [-1.0, 1.0]])[::-1]
-    rim = 0.45 * wrist.wall
-    flat = plate(
-        [outline], wrist.wall, [Rim(rim, rim)], edge / (1.0 + np.pi * wrist.wall / rolled.oval.length)
-    )
-    places = flat.points.copy()
-    share = places[:, 2] / wrist.wall
-    places[:, 2] += _CROWN * wrist.wall * share * (1.0 - (places[:, 1] / half) ** 2)
-    return Mesh(rolled.world(places), flat.faces, KIND.name), (share < 0.5 + 1e-9)[flat.faces].all(1)
 
 
 def _turned_off(wrist: _Wrist, rolled: Rolled, slide_mm: float, narrow: Oval) -> Float64[np.ndarray, "K 4 4"]:

@@ -74,5 +74,10 @@ class Kind:
                 f"body {body.name} has no {', '.join(missing)}, so a {self.name} cannot be placed on it",
                 "Choose another body (fabcraft bodies).",
             )
-        found = body if body.kind == "scan" else body.part(part)
+        try:
+            found = body.part(part)
+        except InputError:
+            if body.kind != "scan":
+                raise
+            found = body  # a scan of that part alone
         return found, {**known, **found.joints, **found.landmarks}

@@ -1,35 +1,34 @@
 """The ring: a band around the proximal phalanx of the ring finger, a little higher at the bezel.
 
 It follows the finger's section and taper, and is as wide inside as seat and knuckle ask.  Ease on the girth is 0.6 mm for
-bands up to 4 mm and 1.3 mm from 6 mm on, as wide bands sit tighter.  Sizes: ISO 8653 is the inner girth in mm; US n has
-36.5 + 2.55 n mm; Swiss, Italian and Spanish sizes are 40 less than the girth.
+bands up to 4 mm and 1.3 mm from 6 mm on, as wide bands sit tighter.  Sizes are inner girths: ISO 8653 in mm, US n has
+36.5 + 2.55 n mm, Swiss, Italian and Spanish sizes are 40 less than the girth.
 """
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float64
 
 from fabcraft.body.body import Body
-from fabcraft.body.tape import girth
+from fabcraft.body.sizes import asked
 from fabcraft.errors import InputError
 from fabcraft.geometry.oval import Oval
 from fabcraft.template.band import Profile, closed_band
 from fabcraft.template.catalogue import Kind, Settings
-from fabcraft.template.limb import Axes, along, centred, facing, middles, poses, station, straight
+from fabcraft.template.limb import Axes, Station, along, centred, facing, middles, poses, station, straight
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 
-EDGE_MM, WALL_MM, LEAST_WALL_MM = 0.6, 1.8, 1.6
+EDGE_MM, WALL_MM, LEAST_WALL_MM, WIDTH_MM = 0.6, 1.8, 1.6, 6.0
 FINGER_MM = 63.5
 """Girth of a median man's ring finger, which the widths of bands are made for."""
 _SEAT = 0.6
 """Where the ring sits, as a share of the phalanx: on the slender part, clear of the web."""
-_SECTIONS, _POSES = 7, 40
-_SKIN_GIVES_MM = 0.3
 _STEEPEST = 0.1
 """Most that the finger's taper is followed."""
+_SKIN_GIVES_MM = 0.3
+_SECTIONS, _POSES = 7, 40
 _PLACES = ("finger4_1", "finger4_2", "finger4_3", "ring_finger_tip", "wrist_back", "wrist_palm")
 
 
@@ -42,24 +41,22 @@ def build(body: Body, settings: Settings) -> Template:
     reach = 0.1 * float(np.linalg.norm(joint - base))
     origin, axes = centred(part.mesh, base + _SEAT * (joint - base), facing(joint - base, back - palm), reach)
     seat_mm = station(part.mesh, origin, axes).oval.length
-    knuckle_mm = float(chosen.get("knuckle", _knuckle_mm(part, base, joint, last)))
     scale = seat_mm / FINGER_MM
-    width = float(chosen.get("width", 6.0 * scale))
-    wall = float(
-        chosen.get("thickness", max(LEAST_WALL_MM, 0.02 * seat_mm) if body.kind == "character" else WALL_MM)
-    )
+    width = float(chosen.get("width", WIDTH_MM * scale))
+    natural = max(LEAST_WALL_MM, 0.02 * seat_mm) if part.kind == "character" else WALL_MM
+    wall = float(chosen.get("thickness", natural))
     bezel = float(chosen.get("bezel", min(1.0, scale)))
     gap = part.clearance_mm(float(np.interp(width, [4.0, 6.0], [0.1, 0.2])))
+    gives = 0.0 if part.kind == "character" else _SKIN_GIVES_MM
 
+    over, knuckle_mm = _over_the_finger(part, origin, axes, [joint, last, tip], width, chosen.get("knuckle"))
     half = 0.5 * width - min(1.0, 0.5 * wall)
-    oval, taper = _finger(part, origin, axes, half)
-    ease = 2.0 * np.pi * gap
-    taper = min(taper, max(0.0, (oval.length - knuckle_mm) / (2.0 * np.pi * half)))
-    inside = _inner_girth(chosen.get("size"), max(oval.length, knuckle_mm) + ease, oval.length < knuckle_mm)
-    rolled = Rolled(origin, axes, oval.grown((inside - oval.length) / (2.0 * np.pi)))
-    profile = _profile(rolled.oval.length, width, wall, bezel, taper)
+    oval, taper = _inside(part, origin, axes, over, half, gap, 0.5 * gives)
+    oval = oval.grown(max(0.0, (knuckle_mm - oval.length) / (2.0 * np.pi) + gap))
+    oval, note = _of_size(oval, chosen.get("size"))
+    rolled = Rolled(origin, axes, oval)
     edge = EDGE_MM * float(np.clip(scale, 0.4, 1.0))
-    mesh, locked = closed_band(rolled, profile, edge, "ring")
+    mesh, locked = closed_band(rolled, _profile(oval.length, width, wall, bezel, taper), edge, KIND.name)
     return Template(
         name=KIND.name,
         body=part,
@@ -71,65 +68,87 @@ def build(body: Body, settings: Settings) -> Template:
         contacts=(f"ring_finger_{hand}",),
         edge_mm=edge,
         donning=tuple(axes[2].tolist()),
-        path=_off(part, rolled, [joint, last, tip], width),
+        path=DonningPath(poses(over, rolled.middle), gives, "the skin of the finger gives"),
         locked=locked,
         motifs=(_bezel(rolled, width, wall + bezel, scale),),
-        listed_mm=(gap, gap + 0.1),
-        parameters={"width": width, "thickness": wall, "bezel": bezel, "size": inside, "knuckle": knuckle_mm},
-        notes=(
-            f"The ring's inner girth is {inside:.1f} mm: ISO {inside:.0f}, US {(inside - 36.5) / 2.55:.2g}.",
-        ),
+        listed_mm=(gap, gap + 0.2),
+        parameters={
+            "width": width,
+            "thickness": wall,
+            "bezel": bezel,
+            "size": oval.length,
+            "knuckle": knuckle_mm,
+        },
+        notes=(note,),
     )
 
 
-def circumference_mm(size: str | float) -> float:
-    """Inner girth of a ring size: a number is the girth itself, "ISO 54", "US 7", "CH 14", "IT 14", "ES 14".
-
-    Raises `InputError` for another name.
-    """
-    if isinstance(size, int | float):
-        return float(size)
-    match = re.fullmatch(r"(ISO|EU|US|CH|IT|ES) ?(\d{1,2}(?:\.\d{1,2})?)", size.strip(), re.IGNORECASE)
-    if match is None:
-        raise InputError(
-            f"there is no ring size '{size}'", 'Write "US 7", "ISO 54", "CH 14", or the inner girth in mm.'
-        )
-    system, number = match[1].upper(), float(match[2])
-    return 36.5 + 2.55 * number if system == "US" else number if system in ("ISO", "EU") else number + 40.0
-
-
-def _inner_girth(size: str | float | None, needed_mm: float, for_knuckle: bool) -> float:
-    """The girth that was asked, or the one that is needed where none was."""
-    if size is None:
-        return needed_mm
-    asked = circumference_mm(size)
-    if asked < needed_mm - 0.05:
-        raise InputError(
-            f"a ring of {asked:.1f} mm inner girth does not go {'over the knuckle' if for_knuckle else 'on the finger'}, "
-            f"which asks for {needed_mm:.1f} mm with its ease",
-            f"Choose ISO {np.ceil(needed_mm):.0f} or US {np.ceil((needed_mm - 36.5) / 2.55 * 4) / 4:g}.",
-        )
-    return asked
-
-
-def _knuckle_mm(
+def _over_the_finger(
     part: Body,
-    base: Float64[np.ndarray, "3"],
-    joint: Float64[np.ndarray, "3"],
-    last: Float64[np.ndarray, "3"],
-) -> float:
-    """Girth of the finger at the joint after the seat."""
-    before, after = joint - base, last - joint
-    return girth(part.mesh, joint, before / np.linalg.norm(before) + after / np.linalg.norm(after)).length_mm
+    origin: Float64[np.ndarray, "3"],
+    axes: Axes,
+    joints: Sequence[Float64[np.ndarray, "3"]],
+    width: float,
+    taped: float | str | None,
+) -> tuple[tuple[Station, ...], float]:
+    """Sections of the finger from the seat over the knuckle and past the tip, the last of `joints`, and the knuckle's girth.
+
+    taped : girth of the knuckle; the sections near it are enlarged to it.
+    """
+    *before, tip = joints
+    end = tip + (width + 2.0) * (tip - before[-1]) / np.linalg.norm(tip - before[-1])
+    line = middles(part.mesh, straight([origin, *before, end], _POSES), axes)
+    found = along(part.mesh, line, axes)
+    knuckle = int(np.argmin([np.linalg.norm(one.middle - joints[0]) for one in found]))
+    girth = found[knuckle].oval.length
+    if taped is None:
+        return found, girth
+    away = np.array([np.linalg.norm(one.middle - found[knuckle].middle) for one in found])
+    more = max(0.0, float(taped) / girth - 1.0) * np.exp(-((away / (0.08 * girth)) ** 2))
+    larger = [
+        Station(one.origin, one.axes, one.oval.scaled(1.0 + m)) for one, m in zip(found, more, strict=True)
+    ]
+    return tuple(larger), max(girth, float(taped))
 
 
-def _finger(part: Body, origin: Float64[np.ndarray, "3"], axes: Axes, half: float) -> tuple[Oval, float]:
-    """The finger under the band as a cone: its section at the middle, and how fast it becomes thinner along it."""
+def _inside(
+    part: Body,
+    origin: Float64[np.ndarray, "3"],
+    axes: Axes,
+    over: Sequence[Station],
+    half: float,
+    gap: float,
+    gives: float,
+) -> tuple[Oval, float]:
+    """The inner side at its middle, and how fast it becomes narrower towards the tip.
+
+    The finger under the band, `half` wide either way, is a cone; what has to pass on the way is kept a hair wider.
+    """
     places = np.linspace(-half, half, _SECTIONS)
     ovals = [station(part.mesh, origin + at * axes[2], axes).oval for at in places]
-    taper = -float(np.polyfit(places, [oval.length for oval in ovals], 1)[0]) / (2.0 * np.pi)
-    taper = float(np.clip(taper, 0.0, _STEEPEST))
-    return Oval.holding([oval.grown(taper * at) for oval, at in zip(ovals, places, strict=True)]), taper
+    slope = float(np.polyfit(places, [oval.length for oval in ovals], 1)[0]) / (2.0 * np.pi)
+    steepest = float(np.clip(-slope, 0.0, _STEEPEST))
+    way = Oval.holding([one.oval.moved(-one.oval.middle) for one in over[1:]]).grown(-gives)
+    for taper in (steepest, 0.5 * steepest, 0.0):
+        seat = Oval.holding([oval.grown(taper * at) for oval, at in zip(ovals, places, strict=True)]).grown(
+            gap
+        )
+        needed = way.grown(taper * half).moved(seat.middle)
+        if (seat.support >= needed.support).all():
+            return seat, taper
+    return Oval.holding([seat, needed]), 0.0
+
+
+def _of_size(needed: Oval, size: float | str | None) -> tuple[Oval, str]:
+    """The inner side at the size that was asked, and a note of what size it is."""
+    girth = needed.length if size is None else asked({"ring_finger": size})[0].mm
+    if girth < needed.length - 0.05:
+        raise InputError(
+            f"a ring of {girth:.1f} mm inner girth does not go on this finger, which asks for {needed.length:.1f} mm",
+            f"Choose ISO {np.ceil(needed.length):.0f} or US {np.ceil((needed.length - 36.5) / 2.55 * 4) / 4:g}.",
+        )
+    note = f"The ring's inner girth is {girth:.1f} mm: ISO {girth:.1f}, US {(girth - 36.5) / 2.55:.1f}."
+    return needed.grown((girth - needed.length) / (2.0 * np.pi)), note
 
 
 def _profile(around: float, width: float, wall: float, bezel: float, taper: float) -> Profile:
@@ -145,20 +164,10 @@ def _profile(around: float, width: float, wall: float, bezel: float, taper: floa
 
 
 def _bezel(rolled: Rolled, width: float, height: float, scale: float) -> MotifFrame:
-    left, _out, along = rolled.axes
+    """On the back of the finger, upright for the wearer who looks at the hand."""
+    left, _, ahead = rolled.axes
     top = rolled.world(np.array([[0.0, 0.0, height]]))[0]
-    return MotifFrame("bezel", top, -left, along, (11.0 * scale, max(width, 8.0 * scale)), 4.0 * scale)
-
-
-def _off(part: Body, rolled: Rolled, joints: Sequence[Float64[np.ndarray, "3"]], width: float) -> DonningPath:
-    """Along the finger, over the knuckle and past the tip, the last of `joints`."""
-    *before, tip = joints
-    end = tip + (width + 2.0) * (tip - before[-1]) / np.linalg.norm(tip - before[-1])
-    line = middles(part.mesh, straight([rolled.origin, *before, end], _POSES), rolled.axes)
-    gives = 0.0 if part.kind == "character" else _SKIN_GIVES_MM
-    return DonningPath(
-        poses(along(part.mesh, line, rolled.axes), rolled.middle), gives, "the skin of the finger gives"
-    )
+    return MotifFrame("bezel", top, -left, ahead, (11.0 * scale, max(width, 8.0 * scale)), 4.0 * scale)
 
 
 KIND = Kind(

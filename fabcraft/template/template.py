@@ -67,6 +67,8 @@ class MotifFrame:
     """How far beyond that size it may grow before it hits the body, the donning path or another part."""
     axis: tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]] | None = None
     """(a point, the unit direction along `up`) of the axis that the picture is rolled around; None: the picture is flat."""
+    openings: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
+    """Contours (right, up) from the middle of the picture, mm, that stay open: lenses, the wearer's right one first."""
 
     @property
     def outward(self) -> Float64[np.ndarray, "3"]:
