@@ -150,6 +150,7 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
     firm = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
     rest = [body.mesh.vertices[region.vertex_indices] for region in firm]
     gaps = [np.full(len(region.vertex_indices), template.listed_mm[0]) for region in firm]
+    through = None if template.path is None else template.path.through
     pressed = max([-region.never_closer_mm for region in firm], default=0.0)
     return Worn(
         body=distance,
@@ -159,6 +160,7 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
         gaps_mm=np.concatenate(gaps) if gaps else 0.0,
         donning=template.donning,
         path=None if template.path is None else template.path.poses,
+        passes=None if through is None else SurfaceDistance(through),
         flex_mm=0.5 if template.path is None else template.path.allowed_mm,
     )
 

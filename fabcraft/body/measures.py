@@ -234,6 +234,18 @@ def _read_or_none(measure: Measure, part: Body, side: str) -> Tape | None:
         return None
 
 
+def folded_hand_mm(body: Body, side: str) -> float:
+    """Girth of the folded hand of `side`, mm: what a tape said, or `FOLDED` times the flat hand's.
+
+    Raises `InputError` when `body` has no such hand.
+    """
+    found = folded_hands(body)
+    for name in (f"hand_folded_{side}", "hand_folded"):
+        if name in found:
+            return found[name]
+    raise InputError(f"{body.name} has no {side} hand that could be measured", "Choose another body or hand.")
+
+
 def folded_hands(body: Body) -> dict[str, float]:
     """Girth of the folded hands that `body` has, mm, as `hand_folded_left`: what a tape said, or `FOLDED` times the
     flat hand's.  Alike hands are one `hand_folded`."""

@@ -50,6 +50,8 @@ class Worn:
     """The straight way off the body (a mask: 0, -1, 0); None: not checked."""
     path: np.ndarray | None = None
     """(K, 4, 4) poses of the object from its seat outwards, instead of a straight way."""
+    passes: "SurfaceDistance | None" = None
+    """What the object has to pass on that path where it is not the body as it stands: a folded hand."""
     flex_mm: float = 0.5
     """What material and skin give on the way."""
     eyes: np.ndarray | None = None
@@ -236,7 +238,7 @@ def _wear(mesh: Mesh, worn: Worn, ledger: _Ledger) -> None:
 
     def path() -> None:
         if worn.path is not None:
-            donning = wear.measure_path(mesh, worn.body, worn.path, worn.flex_mm)
+            donning = wear.measure_path(mesh, worn.passes or worn.body, worn.path, worn.flex_mm)
         else:
             donning = wear.measure_donning(mesh, worn.body, worn.donning or (0.0, -1.0, 0.0), worn.flex_mm)
         ledger.metrics |= {"donnable": donning.donnable, "donning_pen_max_mm": donning.pen_max_mm}

@@ -129,6 +129,14 @@ def inflate(placed: PlacedDrawing, template: Template, settings: InflateSettings
     return Relief(placed.outline, placed.openings, plane, height, fine, detail)
 
 
+def plain_relief(template: Template) -> Relief:
+    """The relief of the template itself: its own outline and height, nothing added."""
+    plane = Plane.around(template.outline, template.front.plane.pixel_mm, 10.0 * template.scale)
+    x, z = plane.centres()
+    height = template.front.base_at(np.column_stack([x.ravel(), z.ravel()])).reshape(x.shape)
+    return Relief(template.outline, template.openings, plane, height, plane, np.zeros_like(height))
+
+
 def _visible(placed: PlacedDrawing, template: Template) -> list[np.ndarray]:
     """Strokes, cut where they run into an opening or off the rim; leftovers under 4 mm (of a person's) are dropped."""
     plane = Plane.around(placed.outline, 0.5 * template.scale, 5.0 * template.scale)

@@ -9,7 +9,7 @@ from fabcraft.errors import InputError
 if TYPE_CHECKING:
     from fabcraft.template.catalogue import Kind
 
-SOLIDS = ("ring", "bangle")
+SOLIDS = ("ring", "bangle", "necklace", "glasses", "visor", "helmet", "slippers")
 """Kinds that are finished solids before a motif is worked into them."""
 NAMES = ("mask", *SOLIDS)
 

@@ -77,4 +77,5 @@ def _seam(mesh: Mesh, from_one: Bool[np.ndarray, " F"]) -> Bool[np.ndarray, " V"
     touched = np.zeros((2, len(mesh.vertices)), dtype=bool)
     for side, own in enumerate((from_one, ~from_one)):
         touched[side, mesh.faces[own]] = True
-    return touched.all(0)
+    both: Bool[np.ndarray, " V"] = touched.all(0)
+    return both
