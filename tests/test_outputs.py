@@ -27,7 +27,7 @@ from fabcraft.write.threemf import read_recipe, read_report
 NEEDS_SLICER = pytest.mark.skipif(
     shutil.which("prusa-slicer") is None, reason="prusa-slicer is not installed"
 )
-PICTURES = ("front", "three-quarter", "side", "back", "fit", "evolution", "input")
+PICTURES = ("front", "three-quarter", "side", "back", "fit", "contacts", "evolution", "input")
 
 
 def test_every_file_of_the_report_is_there_and_nothing_else(cat) -> None:

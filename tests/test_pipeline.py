@@ -77,7 +77,7 @@ def test_the_report_has_its_keys_in_order(cat) -> None:
 
 def test_the_progress_names_every_stage_once(cat) -> None:
     lines = cat.progress.splitlines()
-    assert len(lines) == len(set(lines)) == 7
+    assert len(lines) == len(set(lines)) == 8
     assert all(line.startswith("fabcraft: ") for line in lines)
 
 

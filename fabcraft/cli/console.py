@@ -18,6 +18,7 @@ from fabcraft.errors import InputError
 STAGES = {
     "read": "Reading",
     "body": "Preparing the body",
+    "template": "Building the template",
     "guidance": "Understanding the guidance",
     "fit": "Fitting the template",
     "solid": "Making it solid",

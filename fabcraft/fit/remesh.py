@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float64, Int64
 
 from fabcraft.fit.descend import Variables
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.flips import flipped, independent
 from fabcraft.geometry.operators import edge_faces
 from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.mesh import Mesh
@@ -155,11 +154,44 @@ def _flip(
         known = edges[:, 0] * size + edges[:, 1]
         better &= ~np.isin(np.minimum(c, d) * size + np.maximum(c, d), known)
         order = np.flatnonzero(better)[np.argsort(-excess[better], kind="stable")]
-        taken = independent(one[order], other[order], c[order], d[order], len(faces))
+        taken = _independent(one[order], other[order], c[order], d[order], len(faces))
         kept = order[taken]
         if len(kept) == 0:
             break
-        faces = flipped(faces, one[kept], other[kept], a[kept], b[kept], c[kept], d[kept])
+        faces = _flipped(faces, one[kept], other[kept], a[kept], b[kept], c[kept], d[kept])
+    return faces
+
+
+def _independent(
+    one: np.ndarray, other: np.ndarray, c: np.ndarray, d: np.ndarray, count: int
+) -> Bool[np.ndarray, " N"]:
+    """The first of any that share a face, or would make the same edge."""
+    used, made = np.zeros(count, dtype=bool), set()
+    taken = np.zeros(len(one), dtype=bool)
+    for index in range(len(one)):
+        edge = (min(c[index], d[index]), max(c[index], d[index]))
+        if used[one[index]] or used[other[index]] or edge in made:
+            continue
+        used[[one[index], other[index]]] = taken[index] = True
+        made.add(edge)
+    return taken
+
+
+def _flipped(
+    faces: np.ndarray,
+    one: np.ndarray,
+    other: np.ndarray,
+    a: np.ndarray,
+    b: np.ndarray,
+    c: np.ndarray,
+    d: np.ndarray,
+) -> np.ndarray:
+    """Faces (a, b, c) and (b, a, d), in either sense, become (a, d, c) and (d, b, c) in the same sense."""
+    faces = faces.copy()
+    place = (faces[one] == a[:, None]).argmax(1)
+    forward = (faces[one[:, None], ((place + 1) % 3)[:, None]][:, 0] == b)[:, None]
+    faces[one] = np.where(forward, np.column_stack([a, d, c]), np.column_stack([d, a, c]))
+    faces[other] = np.where(forward, np.column_stack([d, b, c]), np.column_stack([b, d, c]))
     return faces
 
 
