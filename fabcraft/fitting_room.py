@@ -11,16 +11,15 @@ from fabcraft.check.inspect import Worn
 from fabcraft.check.thickness import measure_thickness
 from fabcraft.check.topology import inspect_topology
 from fabcraft.check.wear import Donning, measure_donning, measure_path, surface_samples
-from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.inflate import plain_relief
 from fabcraft.judge import worn, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.solid.shell import shell
 from fabcraft.solid.thicken import SolidSettings
-from fabcraft.template.kinds import SOLIDS, kind_of
-from fabcraft.template.mask import mask, natural_wall_mm
+from fabcraft.template.kinds import kind_of
 from fabcraft.template.template import Template
+from fabcraft.wearer import require_wearable
 
 _CELL_MM = 0.6
 _FACING_MM = 15.0  # what is farther from the skin does not look at it
@@ -70,19 +69,17 @@ def try_on(name: str, body: Body, settings: Mapping[str, float | str] | None = N
     Raises `InputError` where the body cannot wear it, with the reason.
     """
     start = time.perf_counter()
-    if name in SOLIDS:
-        kind = kind_of(name)
-        template = kind.build(body, kind.settled(settings or {}))
-    else:
-        if name in body.unwearable:
-            raise InputError(
-                f"the {body.name} cannot wear a {name}: {body.unwearable[name]}", "Choose another."
-            )
-        template = mask(body, natural_wall_mm(body))
+    template = plain(name, body, settings)
     seconds = time.perf_counter() - start
     distance = SurfaceDistance(template.body.mesh)
     solid, seat = _solid(template, distance)
     return _measured(template, solid, seat, distance, seconds)
+
+
+def plain(name: str, body: Body, settings: Mapping[str, float | str] | None = None) -> Template:
+    """The template `name` for `body`.  Raises `InputError` where it cannot be worn, and for a wrong setting."""
+    require_wearable(body, name)
+    return kind_of(name).build(body, settings or {})
 
 
 def _solid(template: Template, distance: SurfaceDistance) -> tuple[Mesh, Worn]:

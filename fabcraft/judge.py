@@ -5,7 +5,7 @@ the eyes, are promises of their own: a mask pushed up over the forehead sits on 
 """
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 from scipy.ndimage import distance_transform_edt
 
 from fabcraft.check.inspect import Worn
@@ -144,12 +144,14 @@ def likeness(solid: Mesh, template: Template, relief: Relief, fitted: Mesh, dire
 def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Worn:
     """What a solid is held to on its body: no penetration, its firm contacts rest, it comes off.
 
-    Regions that it only hangs on (weight below 1, as a bangle on a wrist) ask for no gap.
+    Of a region, the tenth that is nearest counts: a temple or a tube crosses it on a line.  Regions that it only hangs on
+    (weight below 1, as a bangle on a wrist) ask for no gap.
     """
     body = template.body
     firm = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
-    rest = [body.mesh.vertices[region.vertex_indices] for region in firm]
-    gaps = [np.full(len(region.vertex_indices), template.listed_mm[0]) for region in firm]
+    surface = SurfaceDistance(solid)
+    rest = [_nearest(surface, body.mesh.vertices[region.vertex_indices]) for region in firm]
+    gaps = [np.full(len(points), template.listed_mm[0]) for points in rest]
     through = None if template.path is None else template.path.through
     pressed = max([-region.never_closer_mm for region in firm], default=0.0)
     return Worn(
@@ -163,6 +165,12 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
         passes=None if through is None else SurfaceDistance(through),
         flex_mm=0.5 if template.path is None else template.path.allowed_mm,
     )
+
+
+def _nearest(surface: SurfaceDistance, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "M 3"]:
+    """The tenth of `points` that is nearest to `surface`, at least three of them."""
+    order = np.argsort(surface.closest(points).distances, kind="stable")
+    return points[order[: max(3, len(points) // 10)]]
 
 
 def motif_likeness(plate_solid: Mesh, plate: Template, relief: Relief) -> dict[str, float]:

@@ -24,7 +24,7 @@ from fabcraft.road.guided import shape_guided
 from fabcraft.road.motif import shape_motif
 from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
-from fabcraft.solid.orient import onto_bed
+from fabcraft.solid.orient import moved_together, onto_bed
 from fabcraft.template.template import Template
 from fabcraft.wearer import body_of, require_wearable
 
@@ -74,7 +74,8 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         body = with_contacts(body, contacts)
     shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
-        placed = onto_bed(replace(shaped.object, name=recipe.title or shaped.template.name), profile)
+        apart = moved_together(shaped.object) if shaped.template.pair else shaped.object
+        placed = onto_bed(replace(apart, name=recipe.title or shaped.template.name), profile)
         inspection = inspect_mesh(placed.mesh, profile, worn=shaped.worn)
         clearance = shaped.worn.body.signed(shaped.object.vertices)
     clock.seconds.update({f"check.{name}": value for name, value in inspection.report.seconds.items()})

@@ -8,6 +8,7 @@ from worn import limb
 
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
+from fabcraft.guidance.placement import PlacementSettings
 from fabcraft.mesh import Mesh
 from fabcraft.profile import load_profile
 from fabcraft.recipe import Recipe
@@ -34,12 +35,25 @@ BAND = MotifFrame(
     2.0,
     axis=(np.zeros(3), np.array([0.0, 0.0, 1.0])),
 )
+TURN = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
+PROFILE = MotifFrame(
+    "profile",
+    np.array([0.0, 0.0, 3.5]),
+    np.array([1.0, 0.0, 0.0]),
+    np.array([0.0, 1.0, 0.0]),
+    (24.0, 24.0),
+    12.0,
+    openings=(8.6 * np.column_stack([np.cos(TURN), np.sin(TURN)]),),
+    depth_mm=7.0,
+)
 
 
 def build(body, settings):
     shape = trimesh.creation.annulus(8.6, 10.6, float(settings.get("width", 7.0)), sections=120).subdivide()
     mesh = Mesh(np.array(shape.vertices), np.array(shape.faces, dtype=np.int32), "ring")
-    return Template("ring", body, mesh, (), None, 1.8, 1, (), 0.6, listed_mm=(0.2, 0.6), motifs=(BEZEL, BAND))
+    return Template(
+        "ring", body, mesh, (), None, 1.8, 1, (), 0.6, listed_mm=(0.2, 0.6), motifs=(BEZEL, BAND, PROFILE)
+    )
 
 
 @pytest.fixture
@@ -62,9 +76,11 @@ def star():
     return page
 
 
-def shaped(**changes):
+def shaped(picture=None, **changes):
     recipe = Recipe(template="ring", sketch="star.png", preset="draft", **changes)
-    return shape_motif(recipe, Given(star()), FINGER, load_profile("form4"), Clock({}, None))
+    return shape_motif(
+        recipe, Given(star() if picture is None else picture), FINGER, load_profile("form4"), Clock({}, None)
+    )
 
 
 @pytest.mark.parametrize("frame", ["", "band"], ids=["bezel", "band"])
@@ -82,7 +98,7 @@ def test_a_star_becomes_part_of_the_ring(plain_ring, frame):
 def test_a_place_that_the_ring_has_not_is_refused(plain_ring):
     with pytest.raises(InputError, match=r"'brow'.*\n?") as caught:
         shaped(frame="brow")
-    assert "bezel, band" in str(caught.value)
+    assert "bezel (motif), band (motif), profile (object)" in str(caught.value)
 
 
 def test_a_setting_out_of_its_range_is_refused(plain_ring):
@@ -92,6 +108,40 @@ def test_a_setting_out_of_its_range_is_refused(plain_ring):
         shaped(parameters={"widht": 4.0})
 
 
-def test_a_drawing_of_the_whole_ring_is_refused_for_now(plain_ring):
-    with pytest.raises(InputError, match="whole ring"):
-        shaped(reading="object")
+def cat_ring(bore=True):
+    """Seen along the finger: a round with two ears, and the hole for the finger."""
+    page = np.full((600, 600, 4), 255, np.uint8)
+    ink = np.ascontiguousarray(page[..., :3])
+    turn = np.radians(
+        np.concatenate([np.arange(-30, 40), [52], np.arange(64, 117), [128], np.arange(140, 330)])
+    )
+    away = np.where(np.isin(np.round(np.degrees(turn)), (52, 128)), 265, 190)
+    tips = np.column_stack([300 + away * np.cos(turn), 330 - away * np.sin(turn)]).round().astype(np.int32)
+    cv2.polylines(ink, [tips], True, (0, 0, 0), 8, cv2.LINE_AA)
+    if bore:
+        cv2.circle(ink, (300, 330), 140, (0, 0, 0), 8, cv2.LINE_AA)
+    page[..., :3] = ink
+    return page
+
+
+@pytest.mark.parametrize("bore", [True, False], ids=["bore", "outline"])
+def test_a_drawing_of_the_whole_ring_becomes_its_shape(plain_ring, bore):
+    made = shaped(cat_ring(bore), reading="object")
+    assert made.metrics["silhouette_iou"] > 0.95 > made.metrics["silhouette_iou_before"]
+    solid = trimesh.Trimesh(made.object.vertices, made.object.faces, process=False)
+    assert solid.is_watertight and solid.body_count == 1 and solid.euler_number == 0
+    assert made.worn.body.signed(made.object.vertices).min() > 0.2
+    lower, upper = solid.bounds
+    assert upper[1] > 14.0 and -11.5 < lower[1] < -10.0  # ears above, plain below
+    ears = made.object.vertices[made.object.vertices[:, 1] > 12.5]
+    assert np.ptp(ears[:, 2]) > 5.5  # as wide as the band
+
+
+def test_the_whole_ring_needs_material_around_the_finger(plain_ring):
+    with pytest.raises(InputError, match="beside an opening of the ring"):
+        shaped(cat_ring(), reading="object", placement=PlacementSettings(up_mm=4.0))
+
+
+def test_a_place_of_the_other_reading_is_refused(plain_ring):
+    with pytest.raises(InputError, match="no place 'profile' for a motif"):
+        shaped(reading="motif", frame="profile")

@@ -1,4 +1,4 @@
-"""`fabcraft printers | bodies | templates`: what there is to choose from."""
+"""`fabcraft printers | bodies`: what there is to choose from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -9,8 +9,6 @@ from cyclopts import App, Parameter
 
 from fabcraft.cli.console import painted, result, result_json, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
-from fabcraft.cli.make import known_template
-from fabcraft.template.kinds import NAMES
 
 if TYPE_CHECKING:
     from fabcraft.body.body import Measured
@@ -22,8 +20,7 @@ PLAIN = Parameter(negative=(), show_default=False)
 
 printers = App("printers", help="List the printer profiles, or show one.")
 bodies = App("bodies", help="List the built-in bodies, or show one or a head scan.")
-templates = App("templates", help="List the kinds of wearable, or show one on a body.")
-for position, app in enumerate((bodies, printers, templates)):
+for position, app in enumerate((bodies, printers)):
     app.default_parameter, app.help_epilogue, app.sort_key = PLAIN, "", 10 + position
 
 
@@ -53,7 +50,7 @@ def list_printers(*, json: bool = False) -> int:
                 f"{one.wall_mm:g}",
             )
         )
-    result(_listed(rows))
+    result(listed(rows))
     return 0
 
 
@@ -78,7 +75,7 @@ def show_printer(name: str, /, *, json: bool = False) -> int:
     rows = []
     for key, value in values.items():
         if key not in ("name", "title", "notes", "sources"):
-            text = " x ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else _worded(value)
+            text = " x ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else worded(value)
             rows.append((key, text, profile.sources.get(key, "")))
     lines = [painted(f"{profile.name}: {profile.title}", "bold"), "", table(rows)]
     result("\n".join(lines + (["", profile.notes] if profile.notes else [])))
@@ -124,7 +121,7 @@ def list_bodies(*, json: bool = False) -> int:
         "A character of another height: fabcraft bodies show dinosaur --height 1000\n"
         "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
     )
-    result(f"{_listed(rows)}\n\n{_listed(figures)}\n\n{more}")
+    result(f"{listed(rows)}\n\n{listed(figures)}\n\n{more}")
     return 0
 
 
@@ -177,9 +174,9 @@ def show_body(
     told: dict[str, Any] = {
         "body": whole.name,
         "kind": whole.kind,
-        "size_mm": _rounded(whole.mesh.size_mm),
+        "size_mm": rounded(whole.mesh.size_mm),
         "measures": _reached(measures, whole.measures),
-        "landmarks": {name: _rounded(point) for name, point in whole.landmarks.items()},
+        "landmarks": {name: rounded(point) for name, point in whole.landmarks.items()},
         "regions": sorted(whole.regions),
         "unwearable": dict(whole.unwearable),
         "notes": list(whole.notes),
@@ -201,83 +198,16 @@ def show_body(
             f"{one['asked']:.1f}" + (f" ({one['size']})" if "size" in one else "") if "asked" in one else ""
         )
         rows.append((name, asked, f"{one['reached']:.1f}"))
-    lines += [_listed(rows), ""]
+    lines += [listed(rows), ""]
     rows = [("landmark, mm", "x", "y", "z")]
     rows += [(name, *(f"{one:.1f}" for one in point)) for name, point in told["landmarks"].items()]
     cannot = [f"It cannot wear a {name}: {reason}." for name, reason in whole.unwearable.items()]
-    lines += [_listed(rows), *(["", *whole.notes, *cannot] if whole.notes or cannot else []), *wrote(told)]
+    lines += [listed(rows), *(["", *whole.notes, *cannot] if whole.notes or cannot else []), *wrote(told)]
     result("\n".join(lines))
     return 0
 
 
-@templates.default
-def list_templates(*, json: bool = False) -> int:
-    """List the kinds of wearable.
-
-    Parameters
-    ----------
-    json
-        Print JSON.
-    """
-    if json:
-        result_json([{"template": name} for name in NAMES])
-    else:
-        result("mask  before the face, with two eye openings; rests on forehead, cheekbones and nose bridge")
-    return 0
-
-
-@templates.command(name="show")
-def show_template(
-    name: str,
-    /,
-    *,
-    body: str = "man",
-    height: float | None = None,
-    body_units: Units | None = None,
-    json: bool = False,
-) -> int:
-    """Show a template as it lies on a body, before anything shapes it.
-
-    Parameters
-    ----------
-    name
-        mask.
-    body
-        man, woman, teenager, child, toddler, a character, or the file of a head scan.
-    height
-        Height of a character, mm; its own when left out.
-    body_units
-        Unit of the scan; proposed from its size when left out.
-    json
-        Print JSON.
-    """
-    known_template(name)
-    from fabcraft.template.mask import mask, natural_wall_mm
-    from fabcraft.wearer import find_body, require_wearable
-
-    wearer = find_body(body, body_units or "", height_mm=height or 0.0)
-    require_wearable(wearer, name)
-    template = mask(wearer, natural_wall_mm(wearer))
-    told = {
-        "template": template.name,
-        "body": template.body.name,
-        "faces": len(template.mesh.faces),
-        "genus": template.genus,
-        "rims": len(template.rims),
-        "size_mm": _rounded(template.mesh.size_mm),
-        "wall_mm": template.wall_mm,
-        "rests_on": list(template.contacts),
-        "notes": list(template.body.notes),
-    }
-    if json:
-        result_json(told)
-        return 0
-    rows = [(key.replace("_", " "), _worded(value)) for key, value in told.items() if value != []]
-    result(table(rows))
-    return 0
-
-
-def _listed(rows: Sequence[tuple[str, ...]]) -> str:
+def listed(rows: Sequence[tuple[str, ...]]) -> str:
     """A table whose first row is its heading."""
     heading, _, rest = table(rows).partition("\n")
     return f"{painted(heading, 'dim')}\n{rest}"
@@ -295,16 +225,16 @@ def _reached(measures: Mapping[str, float], asked: "Mapping[str, Measured]") -> 
     return told
 
 
-def _rounded(values: np.ndarray) -> list[float]:
+def rounded(values: np.ndarray) -> list[float]:
     return [round(float(value), 2) for value in values]
 
 
-def _worded(value: Any) -> str:
+def worded(value: Any) -> str:
     """A value as a person writes it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
         return (" x " if all(isinstance(one, float) for one in value) else ", ").join(
-            _worded(one) for one in value
+            worded(one) for one in value
         )
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fabcraft.cli.console import painted, result, result_json
-from fabcraft.cli.make import known_template
+from fabcraft.template.kinds import known
 
 Units = Literal["mm", "cm", "m", "in"]
 
@@ -43,7 +43,7 @@ def guidance(
     json
         Print JSON.
     """
-    known_template(template)
+    known(template)
     if show_input is not None:
         require_png(show_input, [file, body])
     from fabcraft.read.mesh_file import FORMATS

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import asdict, dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,7 +9,7 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.errors import InputError
-from fabcraft.template.kinds import NAMES
+from fabcraft.template.kinds import known
 
 if TYPE_CHECKING:
     from fabcraft.recipe import Recipe
@@ -166,7 +165,7 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
     """
     if not _is_recipe(what):
-        known_template(what)
+        known(what)
     given = {key: value for key, value in asdict(flags).items() if value is not None and value != ()}
     for key, value in given.items():
         if isinstance(value, float) and not math.isfinite(value):
@@ -182,7 +181,7 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
     ):  # it takes the place of the file's own
         given = {"sketch": "", "guidance": "", "text": "", **given}
     if "set" in given:
-        given["parameters"] = {**recipe.parameters, **dict(_setting(text) for text in given.pop("set"))}
+        given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {}
     for flag, value in given.items():
         table, key = _PLACES.get(flag, ("", flag))
@@ -194,7 +193,7 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
     return replace(recipe, **changes)
 
 
-def _setting(text: str) -> tuple[str, float | str]:
+def setting(text: str) -> tuple[str, float | str]:
     """name=value as (name, number or word).  Raises `InputError` for anything else."""
     name, equals, value = text.partition("=")
     if not (name.strip() and equals and value.strip()):
@@ -208,17 +207,6 @@ def _setting(text: str) -> tuple[str, float | str]:
     if not math.isfinite(number):
         raise InputError(f"--set {text} is not a finite number", "Give a number such as 6.")
     return name.strip(), number
-
-
-def known_template(name: str) -> str:
-    """`name`, when it is a template.  Raises `InputError` with the ones that come close."""
-    if name in NAMES:
-        return name
-    close = get_close_matches(name, NAMES, n=1)
-    raise InputError(
-        f"there is no template called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Templates: {', '.join(NAMES)}. A recipe file ends in .toml.",
-    )
 
 
 def _is_recipe(what: str) -> bool:

@@ -14,9 +14,10 @@ import torch
 def same_every_time() -> Iterator[None]:
     """Deterministic algorithms inside the block (also as a decorator); the user's own choice is restored after it."""
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
-    before = torch.are_deterministic_algorithms_enabled()
-    torch.use_deterministic_algorithms(True)
+    # use_deterministic_algorithms does the same, but imports the compiler first, for seconds
+    before = torch.get_deterministic_debug_mode()
+    torch.set_deterministic_debug_mode("error")
     try:
         yield
     finally:
-        torch.use_deterministic_algorithms(before)
+        torch.set_deterministic_debug_mode(before)

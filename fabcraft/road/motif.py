@@ -16,12 +16,11 @@ from fabcraft.road.shaped import Clock, Given, Shaped
 from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
 from fabcraft.solid.manifolds import to_manifold, to_mesh
 from fabcraft.solid.mount import mount
+from fabcraft.solid.slab import slab
 from fabcraft.template.kinds import kind_of
 from fabcraft.template.motif_plate import plate
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import MotifFrame, Template
-
-AS_OBJECT = "Only a mask can be drawn as a whole so far; the others take a motif (--as motif)."
 
 
 def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
@@ -31,16 +30,16 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     closed manifold comes out.
     """
     assert given.picture is not None
-    if recipe.reading == "object":
-        raise InputError(f"a drawing of the whole {recipe.template} was given", AS_OBJECT)
     with clock.stage("template"):
         kind = kind_of(recipe.template)
         template = kind.build(body, kind.settled(recipe.parameters))
-        frame = _frame(template, recipe.frame)
+        frame = _frame(template, recipe.frame, recipe.reading)
         distance = SurfaceDistance(template.body.mesh)
-        sheet, space = plate(template, frame, recipe.motif_mm or None)
     with clock.stage("guidance"):
         drawing = understand(given.picture)
+        width, height = np.ptp(drawing.outline, axis=0)
+        aspect = None if frame.openings and frame.depth_mm else float(width / height)
+        sheet, space = plate(template, frame, recipe.motif_mm or None, aspect)
         placed = place_motif(drawing, sheet, recipe.placement, space.scale)
         relief = inflate(placed, sheet, recipe.inflate)
     with clock.stage("fit"):
@@ -48,16 +47,9 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         design = fitted(recipe, sheet, relief, near, clock.tell)
     with clock.stage("solid"):
         least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
-        solid, alone = mount(
-            design.mesh,
-            sheet,
-            relief,
-            space,
-            template.mesh,
-            distance,
-            least_mm,
-            max(template.listed_mm[0], 0.0),
-        )
+        keep_mm = max(template.listed_mm[0], 0.0)
+        parts = (design.mesh, sheet, relief, space, template.mesh, distance)
+        solid, alone = slab(*parts, keep_mm) if frame.depth_mm else mount(*parts, least_mm, keep_mm)
         object_ = _paired(solid.mesh) if template.pair else solid.mesh
     width, height = (placed.outline.max(0) - placed.outline.min(0)) / space.scale
     return Shaped(
@@ -68,7 +60,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         stages=_stages(template, space, design.stages),
         route=(
             sketch_line(recipe, drawing),
-            f"a motif of {width:.0f} x {height:.0f} mm on the {frame.name}",
+            _where(template, frame, width, height),
             *how(design, units_per_mm=space.scale),
         ),
         notes=(*drawing_notes(drawing), *((False, text) for text in template.notes)),
@@ -79,15 +71,24 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     )
 
 
-def _frame(template: Template, name: str) -> MotifFrame:
-    """The motif frame called `name`, or the usual one."""
-    if not name:
-        return template.motifs[0]
-    found = [frame for frame in template.motifs if frame.name == name]
-    if not found:
-        known = ", ".join(frame.name for frame in template.motifs)
-        raise InputError(f"a {template.name} has no place '{name}' for a motif", f"Choose one of: {known}.")
-    return found[0]
+def _frame(template: Template, name: str, reading: str) -> MotifFrame:
+    """The frame called `name`, or the usual one, for a drawing that shows a motif or the object."""
+    fitting = [frame for frame in template.motifs if not reading or frame.reading == reading]
+    found = [frame for frame in fitting if frame.name == name or not name]
+    if found:
+        return found[0]
+    words = f"the whole {template.name}" if reading == "object" else f"a motif on the {template.name}"
+    known = ", ".join(f"{frame.name} ({frame.reading})" for frame in template.motifs)
+    raise InputError(
+        f"there is no place '{name}' for {words}" if name else f"there is no place for {words}",
+        f"Places, and what is drawn there: {known}.",
+    )
+
+
+def _where(template: Template, frame: MotifFrame, width: float, height: float) -> str:
+    """Size and place of the drawing, as a line of the route."""
+    what = f"the {template.name} itself" if frame.reading == "object" else "a motif"
+    return f"{what}, {width:.0f} x {height:.0f} mm, on the {frame.name}"
 
 
 def _stages(

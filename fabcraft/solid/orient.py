@@ -41,6 +41,14 @@ def onto_bed(mesh: Mesh, profile: PrinterProfile) -> OnBed:
     return OnBed(_laid(mesh, build), "as it is worn; it is larger than the build volume")
 
 
+def moved_together(pair: Mesh, gap_mm: float = 4.0) -> Mesh:
+    """The two of a pair, one on either side of x = 0, pushed together until their boxes are `gap_mm` apart."""
+    x = pair.vertices[:, 0]
+    left = x > 0.0
+    shift = np.where(left, 0.5 * gap_mm - x[left].min(), -0.5 * gap_mm - x[~left].max())
+    return pair.with_vertices(pair.vertices + shift[:, None] * [1.0, 0.0, 0.0])
+
+
 def _turn(about_x_deg: float, about_z_deg: float) -> Float64[np.ndarray, "4 4"]:
     x, z = np.radians([about_x_deg, about_z_deg])
     matrix = np.eye(4)

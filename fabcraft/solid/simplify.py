@@ -7,9 +7,11 @@ does.
 
 import manifold3d
 import numpy as np
+from jaxtyping import Bool
 
 from fabcraft.errors import SolidError
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.isotropic import isotropic_within
 from fabcraft.mesh import Mesh
 from fabcraft.solid.crossing import self_intersecting_faces
 from fabcraft.solid.manifolds import to_manifold, to_mesh, try_manifold
@@ -17,6 +19,7 @@ from fabcraft.solid.manifolds import to_manifold, to_mesh, try_manifold
 _SHARES = (1.0, 0.96, 0.92, 0.88, 0.84, 0.8, 0.5, 0.25, 0.125)
 """Tolerances to try, over the one asked: a little less often rids the result of a needle, half of a crossing."""
 _NEEDLE_MM = 1e-5
+_RINGS = 2
 
 
 def simplify(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float]:
@@ -30,23 +33,41 @@ def simplify(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float]:
 
 
 def simplify_manifold(solid: manifold3d.Manifold, tolerance_mm: float, name: str = "") -> tuple[Mesh, float]:
-    """`simplify` for what is a manifold already."""
+    """`simplify` for what is a manifold already; where two solids have been joined, needles are meshed anew first."""
+    joined = to_mesh(solid, name)
+    if (fewer := _needles(joined)).any():
+        solid = to_manifold(_without(joined, fewer))
     sound: tuple[Mesh, float] | None = None
     for share in _SHARES if tolerance_mm > 0 else ():
         smaller = to_mesh(solid.simplify(share * tolerance_mm), name)
         if not len(smaller.faces) or len(self_intersecting_faces(smaller)):
             continue
-        if not _has_needle(smaller):
+        if not _needles(smaller).any():
             return smaller, share * tolerance_mm
         sound = sound or (smaller, share * tolerance_mm)
     return sound or (to_mesh(solid, name), 0.0)
 
 
-def _has_needle(mesh: Mesh) -> bool:
-    """Whether some face is so flat that a slicer would drop it."""
+def _needles(mesh: Mesh) -> Bool[np.ndarray, " F"]:
+    """Faces so flat that a slicer would drop them."""
     corners = mesh.corners
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    return bool((2.0 * mesh.face_areas <= _NEEDLE_MM * longest).any())
+    flat: Bool[np.ndarray, " F"] = 2.0 * mesh.face_areas <= _NEEDLE_MM * longest
+    return flat
+
+
+def _without(mesh: Mesh, needles: Bool[np.ndarray, " F"]) -> Mesh:
+    """The mesh with new, even triangles around its needles; as it was where that is not possible."""
+    near = np.zeros(len(mesh.vertices), dtype=bool)
+    near[mesh.faces[needles]] = True
+    for _ in range(_RINGS):
+        near[mesh.faces[near[mesh.faces].any(1)]] = True
+    around = near[mesh.faces].any(1)
+    edges = np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2)[around]
+    try:
+        return isotropic_within(mesh, float(np.median(edges)), around)
+    except SolidError:
+        return mesh
 
 
 def reduce_faces(mesh: Mesh, at_most: int, tolerance_mm: float = 0.5) -> Mesh:

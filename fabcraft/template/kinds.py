@@ -1,7 +1,9 @@
 """Every kind of wearable by name; a kind is imported when it is asked for."""
 
 import difflib
+from collections.abc import Mapping
 from importlib import import_module
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fabcraft.errors import InputError
@@ -9,16 +11,36 @@ from fabcraft.errors import InputError
 if TYPE_CHECKING:
     from fabcraft.template.catalogue import Kind
 
-SOLIDS = ("ring", "bangle", "necklace", "glasses", "visor", "helmet", "slippers")
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        "mask": "before the face, with two eye openings; rests on forehead, cheekbones and nose bridge",
+        "ring": "around the ring finger, passed over its knuckle; flat or raised on the back",
+        "bangle": "around the wrist, passed over the folded hand; or a cuff with a gap",
+        "necklace": "a collar or a hoop around the neck, open at the nape, with a pendant",
+        "glasses": "a front with two lens openings on the nose, temples over the ears",
+        "visor": "a band around the forehead, open behind, with a brim",
+        "helmet": "a shell over the crown of the head, with a rim",
+        "slippers": "a pair of closed-toe mules, the second mirrored",
+    }
+)
+"""What each is, in a line."""
+NAMES = tuple(KINDS)
+SOLIDS = NAMES[1:]
 """Kinds that are finished solids before a motif is worked into them."""
-NAMES = ("mask", *SOLIDS)
+
+
+def known(name: str) -> str:
+    """`name`, when it is a template.  Raises `InputError` with the one that comes close."""
+    if name in KINDS:
+        return name
+    close = difflib.get_close_matches(name, NAMES, n=1)
+    raise InputError(
+        f"there is no template called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
+        f"Templates: {', '.join(NAMES)}. A recipe file ends in .toml.",
+    )
 
 
 def kind_of(name: str) -> "Kind":
-    """The solid kind called `name`.  Raises `InputError` for another name, with the ones that come close."""
-    if name not in SOLIDS:
-        close = difflib.get_close_matches(name, SOLIDS, n=1)
-        hint = f"Did you mean {close[0]}?" if close else f"Choose one of: {', '.join(SOLIDS)}."
-        raise InputError(f"there is no solid template '{name}'", hint)
-    found: "Kind" = import_module(f"fabcraft.template.{name}").KIND
+    """The kind called `name`.  Raises `InputError` for another name."""
+    found: "Kind" = import_module(f"fabcraft.template.{known(name)}").KIND
     return found

@@ -23,7 +23,8 @@ from fabcraft.geometry.heights import front_heights, lifted_over, raised, smooth
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.triangulate import triangulate
 from fabcraft.mesh import Mesh
-from fabcraft.template.template import FrontSurface, Template
+from fabcraft.template.catalogue import Kind, Settings
+from fabcraft.template.template import FrontSurface, Parameter, Template
 
 CONTACTS = ("forehead", "cheekbone_left", "cheekbone_right", "nose_bridge")
 LANDMARKS = ("sellion", "glabella", "menton", "zygion_left", "zygion_right", "eye_left", "eye_right")
@@ -91,9 +92,19 @@ def mask(body: Body, wall_mm: float = DEFAULT_WALL_MM) -> Template:
         len(rims) - 1,
         resting_on(head, CONTACTS),
         edge_mm,
+        listed_mm=(resting_mm, head.clearance_mm(GENERAL_MM)),
         resting_mm=resting_mm,
         opening_share=0.7 if head.kind != "character" else 1.0,
     )
+
+
+def build(body: Body, settings: Settings) -> Template:
+    """The mask for `body`, its wall the one asked for or the one that goes with the size of the face."""
+    wall = KIND.settled(settings).get("wall")
+    return mask(body, natural_wall_mm(body) if wall is None else float(wall))
+
+
+KIND = Kind("mask", build, (Parameter("wall", "mm", *WALL_MM, "thickness"),))
 
 
 def _outline(head: Body, scale: float, openings: list[np.ndarray], room_mm: float) -> np.ndarray:

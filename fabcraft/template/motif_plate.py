@@ -26,24 +26,28 @@ _DEEP = 30.0
 
 
 def plate(
-    template: Template, frame: MotifFrame, size_mm: float | None = None
+    template: Template, frame: MotifFrame, size_mm: float | None = None, aspect: float | None = None
 ) -> tuple[Template, PictureSpace]:
     """The sheet for a motif in `frame`, and the space it lives in.
 
-    size_mm : longer side of the motif; the frame's own when None. Raises `InputError` for one that has no room there.
+    size_mm : longer side of the motif; as large as the frame has room for when None.  aspect : its width over its height;
+    the frame's own when None.  Raises `InputError` for a motif that has no room there.
     """
-    longer = max(frame.size_mm)
-    wanted = longer if size_mm is None else size_mm
-    if not 0.2 * longer <= wanted <= longer + 2.0 * frame.reach_mm:
+    shape = np.array(frame.size_mm) if aspect is None else np.array([aspect, 1.0])
+    shape = shape / shape.max()
+    fitting, room = (float((np.array(side) / shape).min()) for side in (frame.size_mm, _room(frame)))
+    wanted = fitting if size_mm is None else size_mm
+    if not 0.2 * fitting <= wanted <= room:
         raise InputError(
             f"a motif of {wanted:g} mm was asked for the {frame.name} of the {template.name}",
-            f"Choose {0.2 * longer:.0f} to {longer + 2.0 * frame.reach_mm:.0f} mm.",
+            f"Choose {0.2 * fitting:.0f} to {room:.0f} mm.",
         )
     space = PictureSpace(frame, SIZE / wanted)
-    half = 0.5 * SIZE * np.array(frame.size_mm) / longer
+    half = 0.5 * SIZE * shape
     carrier = space.seen(template.mesh)
-    front = _front(carrier, half)
-    flat = triangulate([_outline(half)], EDGE)
+    front = _even(half) if frame.depth_mm else _front(carrier, half)
+    openings = [space.scale * opening for opening in frame.openings] if frame.depth_mm else []
+    flat = triangulate([_outline(half), *openings], EDGE)
     sheet = Mesh(
         np.column_stack([flat.points[:, 0], -front.base_at(flat.points), flat.points[:, 1]]),
         flat.faces,
@@ -52,7 +56,13 @@ def plate(
     behind = Body(f"{template.name} {frame.name}", carrier, {}, {}, template.body.kind)
     rims = tuple(loop.astype(np.int32) for loop in flat.loops)
     name = f"{template.name} {frame.name}"
-    return Template(name, behind, sheet, rims, front, THICKNESS, 0, (), EDGE), space
+    return Template(name, behind, sheet, rims, front, THICKNESS, len(openings), (), EDGE), space
+
+
+def _room(frame: MotifFrame) -> tuple[float, float]:
+    """The largest box that a motif may fill, mm."""
+    width, height = frame.size_mm
+    return width + 2.0 * frame.reach_mm, height + 2.0 * frame.reach_mm
 
 
 def _outline(half: np.ndarray) -> np.ndarray:
@@ -67,10 +77,24 @@ def _outline(half: np.ndarray) -> np.ndarray:
     )
 
 
-def _front(carrier: Mesh, half: np.ndarray) -> FrontSurface:
-    """The height fields, on a grid twice as wide as the motif: ears and rays may leave the frame."""
+def _even(half: np.ndarray) -> FrontSurface:
+    """An even sheet whose outer side lies in the picture, with nothing behind it."""
+    plane = _grid(half)
+    empty = np.zeros(plane.centres()[0].shape)
+    nothing = np.full_like(empty, -np.inf)
+    base = np.full_like(empty, -0.5 * THICKNESS)
+    return FrontSurface(plane, nothing, nothing, base, empty, empty, np.zeros(empty.shape, dtype=bool))
+
+
+def _grid(half: np.ndarray) -> Plane:
+    """Twice as wide as the drawing: ears and rays may leave the frame."""
     reach = 2.0 * half.max()
-    plane = Plane(-reach, reach, 2.0, int(reach), int(reach))
+    return Plane(-reach, reach, 2.0, int(reach), int(reach))
+
+
+def _front(carrier: Mesh, half: np.ndarray) -> FrontSurface:
+    """The height fields over the carrier's surface."""
+    plane = _grid(half)
     skin = front_heights(carrier, plane)
     near = (
         np.isfinite(skin) & (skin > skin[np.isfinite(skin)].max() - _DEEP)

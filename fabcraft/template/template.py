@@ -50,7 +50,7 @@ class FrontSurface:
 
 @dataclass(frozen=True, eq=False)
 class MotifFrame:
-    """A place of a template for a motif: a picture plane before its outer surface, mm.
+    """A place of a template for a drawing: a picture plane before its outer surface, mm.
 
     Whoever looks at the picture sees `right` to the right and `up` upwards; right x up points at them, off the object.
     """
@@ -69,6 +69,15 @@ class MotifFrame:
     """(a point, the unit direction along `up`) of the axis that the picture is rolled around; None: the picture is flat."""
     openings: tuple[Float64[np.ndarray, "_ 2"], ...] = ()
     """Contours (right, up) from the middle of the picture, mm, that stay open: lenses, the wearer's right one first."""
+    depth_mm: float = 0.0
+    """0: a motif lies on the surface.  Else the drawing is the object itself in this view: an even plate, this thick."""
+    free: Mesh | None = None
+    """What a drawn object must leave free, mm: the hollow of a helmet."""
+
+    @property
+    def reading(self) -> Literal["object", "motif"]:
+        """What a drawing in this frame shows."""
+        return "object" if self.depth_mm else "motif"
 
     @property
     def outward(self) -> Float64[np.ndarray, "3"]:
@@ -136,7 +145,7 @@ class Template:
     pair: bool = False
     """Made twice, the second one mirrored to x = 0 (slippers)."""
     motifs: tuple[MotifFrame, ...] = ()
-    """Places for a motif, the usual one first."""
+    """Places for a drawing, of either reading; the usual one first."""
     listed_mm: tuple[float, float] = (0.0, 0.0)
     """Clearance that the kind asks for: at least, and typically (median over the faces that look at the skin)."""
     parameters: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,288 @@
+"""`fabcraft templates`: the kinds of wearable, what can be set of them, and how they sit on a body."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import App, Parameter
+
+from fabcraft.cli.catalogue import PLAIN, listed, rounded, worded
+from fabcraft.cli.console import painted, result, result_json, say, table
+from fabcraft.cli.guidance import require_png, written_png, wrote
+from fabcraft.cli.make import setting
+from fabcraft.errors import InputError
+from fabcraft.template.kinds import KINDS, kind_of, known
+
+if TYPE_CHECKING:
+    from fabcraft.body.body import Body
+    from fabcraft.fitting_room import Tried
+
+Units = Literal["mm", "cm", "m", "in"]
+Repeated = Parameter(negative=(), show_default=False)
+
+templates = App("templates", help="List the kinds of wearable, show one, or try them on a body.")
+templates.default_parameter, templates.help_epilogue, templates.sort_key = PLAIN, "", 12
+
+
+@templates.default
+def list_templates(*, json: bool = False) -> int:
+    """List the kinds of wearable.
+
+    Parameters
+    ----------
+    json
+        Print JSON.
+    """
+    if json:
+        told = [
+            {"template": name, "what": what, "parameters": _parameters(name)} for name, what in KINDS.items()
+        ]
+        result_json(told)
+    else:
+        result(table(list(KINDS.items())))
+    return 0
+
+
+@templates.command(name="show")
+def show_template(
+    name: str,
+    /,
+    *,
+    body: str = "man",
+    set: Annotated[tuple[str, ...], Repeated] = (),
+    height: float | None = None,
+    measure: Annotated[tuple[str, ...], Repeated] = (),
+    body_units: Units | None = None,
+    json: bool = False,
+) -> int:
+    """Show what can be set of a template, and how it lies on a body before anything shapes it.
+
+    Parameters
+    ----------
+    name
+        A name from fabcraft templates.
+    body
+        A name from fabcraft bodies, or the file of a scan.
+    set
+        A parameter as name=value, again for more.
+    height
+        Height of a character, mm; its own when left out.
+    measure
+        What the person measures, again for more: wrist=158.
+    body_units
+        Unit of the scan; proposed from its size when left out.
+    json
+        Print JSON.
+    """
+    known(name)
+    from fabcraft.fitting_room import plain
+
+    template = plain(name, _body(body, height, measure, body_units), dict(map(setting, set)))
+    told = {
+        "template": name,
+        "what": KINDS[name],
+        "parameters": _parameters(name, template.parameters),
+        "body": template.body.name,
+        "kind": template.kind,
+        "faces": len(template.mesh.faces),
+        "edge_mm": round(template.edge_mm, 2),
+        "genus": template.genus,
+        "size_mm": rounded(template.mesh.size_mm),
+        "wall_mm": round(template.wall_mm, 2),
+        "clearance_mm": dict(zip(("least", "usual"), map(_two, template.listed_mm), strict=True)),
+        "rests_on": list(template.contacts),
+        "motif_frames": [
+            {"name": one.name, "size_mm": [_two(side) for side in one.size_mm]} for one in template.motifs
+        ],
+        "notes": [*template.notes, *template.body.notes],
+    }
+    if json:
+        result_json(told)
+        return 0
+    rows = [
+        (key.replace("_", " "), worded(told[key])) for key in told if key not in _APART and told[key] != []
+    ]
+    frames = ", ".join(
+        f"{one.name} ({one.size_mm[0]:.0f} x {one.size_mm[1]:.0f} mm)" for one in template.motifs
+    )
+    least, usual = told["clearance_mm"].values()
+    rows += [("clearance mm", f"{least:g} at least, {usual:g} usually")]
+    rows += [("places for a motif", frames)] if frames else []
+    lines = [painted(f"{name}: {KINDS[name]}", "bold"), "", table(rows)]
+    if told["parameters"]:
+        lines += ["", listed([("--set", "here", "may be", "meaning"), *map(_row, told["parameters"])])]
+    result("\n".join([*lines, *(["", *told["notes"]] if told["notes"] else [])]))
+    return 0
+
+
+@templates.command(name="check")
+def check_templates(
+    *names: str,
+    body: Annotated[tuple[str, ...], Repeated] = ("man",),
+    set: Annotated[tuple[str, ...], Repeated] = (),
+    height: float | None = None,
+    measure: Annotated[tuple[str, ...], Repeated] = (),
+    body_units: Units | None = None,
+    picture: str | None = None,
+    json: bool = False,
+) -> int:
+    """Build templates on a body, and measure what they promise: mesh, wall, clearance, and the way on.
+
+    Parameters
+    ----------
+    names
+        Names from fabcraft templates; all of them when left out.
+    body
+        A name from fabcraft bodies, or the file of a scan; again for more. [default: man]
+    set
+        A parameter as name=value, again for more; with one template only.
+    height
+        Height of a character, mm; its own when left out.
+    measure
+        What the person measures, again for more: wrist=158.
+    body_units
+        Unit of the scan; proposed from its size when left out.
+    picture
+        Also write a picture of all of them as they are worn (.png).
+    json
+        Print JSON.
+    """
+    chosen = [known(name) for name in names] or list(KINDS)
+    settings = dict(map(setting, set))
+    if settings and len(chosen) != 1:
+        raise InputError(f"--set was given for {len(chosen)} templates", "Name the one that it is for.")
+    if settings:
+        kind_of(chosen[0]).settled(settings)
+    if picture is not None:
+        require_png(picture, list(body))
+    wearers = [_body(name, height, measure, body_units) for name in body]
+    tried = [[_tried(name, wearer, settings) for name in chosen] for wearer in wearers]
+    told: list[dict[str, Any]] = [
+        {"body": wearer.name, "templates": [row(*one) for one in zip(chosen, of_body, strict=True)]}
+        for wearer, of_body in zip(wearers, tried, strict=True)
+    ]
+    if picture is not None:
+        from fabcraft.write.wardrobe import wardrobe_picture
+
+        shown = [
+            [one if isinstance(one, str) else (one.template, one.object) for one in line] for line in tried
+        ]
+        image = wardrobe_picture(chosen, [wearer.name for wearer in wearers], shown)
+        told[0]["files"] = written_png(picture, image)
+    faults = [
+        f"{name} on {wearer.name}: {fault}"
+        for wearer, of_body in zip(wearers, tried, strict=True)
+        for name, one in zip(chosen, of_body, strict=True)
+        if not isinstance(one, str)
+        for fault in one.faults
+    ]
+    if json:
+        result_json(told[0] if len(told) == 1 else told)
+    else:
+        rows = [cells(wearer["body"], one) for wearer in told for one in wearer["templates"]]
+        why = [
+            f"{one['template']} on {wearer['body']}: not applicable, {one['why']}"
+            for wearer in told
+            for one in wearer["templates"]
+            if not one["applicable"]
+        ]
+        bad = [painted("fail", "fail") + f" {text}" for text in faults]
+        result("\n".join([listed([_HEADING, *rows]), *why, *bad, *wrote(told[0])]))
+    return 1 if faults else 0
+
+
+_APART = ("template", "what", "clearance_mm", "parameters", "motif_frames", "notes")
+_HEADING = ("template", "body", "faces", "genus", "tight", "crossing", "inside, mm", "clearance, mm", "wall, mm",
+            "goes on", "seconds")  # fmt: skip
+
+
+def row(name: str, tried: "Tried | str") -> dict[str, Any]:
+    """One template on one body as JSON tells it; a string is the reason why it does not go on."""
+    if isinstance(tried, str):
+        return {"template": name, "applicable": False, "why": tried}
+    told = {
+        "template": name,
+        "applicable": True,
+        "why": "",
+        "faces": tried.faces,
+        "genus": tried.genus,
+        "watertight": tried.watertight,
+        "self_intersections": tried.self_intersections,
+        "pen_max_mm": round(tried.pen_max_mm, 3),
+        "clearance_min_mm": round(tried.clearance_min_mm, 3),
+        "clearance_median_mm": round(tried.clearance_median_mm, 3),
+        "clearance_listed_mm": [round(value, 3) for value in tried.template.listed_mm],
+        "wall_min_mm": round(tried.wall_min_mm, 3),
+        "wall_listed_mm": round(tried.template.wall_mm, 3),
+        "donnable": tried.donning.donnable,
+        "donning_pen_max_mm": round(tried.donning.pen_max_mm, 3),
+        "donning_allowed_mm": round(tried.donning.allowed_mm, 3),
+        "seconds": round(tried.seconds, 2),
+        "faults": list(tried.faults),
+    }
+    if told["self_intersections"] is None:  # what was not measured is absent
+        del told["self_intersections"]
+    return told
+
+
+def cells(body: str, one: Mapping[str, Any]) -> tuple[str, ...]:
+    """The same as a line of a table."""
+    if not one["applicable"]:
+        return (one["template"], body, *["-"] * (len(_HEADING) - 2))
+    least, usual = one["clearance_listed_mm"]
+    return (
+        one["template"],
+        body,
+        str(one["faces"]),
+        str(one["genus"]),
+        worded(one["watertight"]),
+        str(one.get("self_intersections", "?")),
+        f"{one['pen_max_mm']:.2f}",
+        f"{one['clearance_min_mm']:.2f}, median {one['clearance_median_mm']:.1f} (listed {least:.2f}, {usual:.1f})",
+        f"{one['wall_min_mm']:.2f} (listed {one['wall_listed_mm']:.2f})",
+        f"{worded(one['donnable'])}, presses {one['donning_pen_max_mm']:.2f} (may {one['donning_allowed_mm']:.2f})",
+        f"{one['seconds']:.1f}",
+    )
+
+
+def _two(value: float) -> float:
+    return round(float(value), 2)
+
+
+def _body(name: str, height: float | None, measure: tuple[str, ...], units: str | None) -> "Body":
+    from fabcraft.body.sizes import parse
+    from fabcraft.wearer import find_body
+
+    return find_body(name, units or "", height or 0.0, parse(measure))
+
+
+def _tried(name: str, body: "Body", settings: Mapping[str, float | str]) -> "Tried | str":
+    """The template on the body, or why it does not go on."""
+    from fabcraft.fitting_room import try_on
+
+    say(f"trying the {name} on {body.name}")
+    try:
+        return try_on(name, body, settings)
+    except InputError as error:
+        return error.message
+
+
+def _parameters(name: str, here: Mapping[str, float] | None = None) -> list[dict[str, Any]]:
+    """What can be set of a template, with the value that it has here."""
+    told = []
+    for one in kind_of(name).parameters:
+        entry: dict[str, Any] = {"name": one.name, "unit": one.unit, "meaning": one.meaning}
+        if one.low < one.high:
+            entry |= {"low": one.low, "high": one.high}
+        if one.choices:
+            entry["choices"] = list(one.choices)
+        if here and one.name in here:
+            entry["here"] = round(here[one.name], 2)
+        told.append(entry)
+    return told
+
+
+def _row(one: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    """A parameter as a line of a table."""
+    ways = [f"{one['low']:g} to {one['high']:g} {one['unit']}".rstrip()] if "low" in one else []
+    return (one["name"], f"{one['here']:g}" if "here" in one else "", " or ".join([*ways, *one.get("choices", [])]),
+            one["meaning"])  # fmt: skip
