@@ -1,8 +1,8 @@
 """Glasses: a front with two lens openings before the eyes, temples over the ears, pads on the nose.
 
 The front is a plate in a picture plane, tilted (pantoscopic) and rolled round a standing axis (wrap); its back stands 13 mm
-before the corneas, or as far as brow, nose and cheeks ask.  A = PD - DBL, B = 0.72 A, DBL 18 mm for adults; "52-18-140" names
-A, DBL and the length of the temples.  Everything is symmetric to x = 0: the left half is made and reflected.
+before the corneas, or as far as brow, nose and cheeks ask.  A = PD - DBL, B = 0.72 A, DBL 18 mm for adults; "52-18-140"
+names A, DBL and the length of the temples.  Everything is symmetric to x = 0: the left half is made and reflected.
 """
 
 import re
@@ -34,7 +34,7 @@ PD_MM = 64.0
 """Median man's distance of the pupils, which the listed lengths belong to."""
 RIM_MM, FRONT_MM, TEMPLE_MM, LEAST_MM = 3.5, 4.0, (3.0, 5.0), 1.6
 VERTEX_MM, BROW_MM, NOSE_MM, CHEEK_MM, HEAD_MM, EAR_MM, PAD_MM = 13.0, 3.0, 0.5, 1.0, 1.0, 0.15, 0.1
-"""Least distances to the skin: of the front's back to the cornea, brow, nose and cheek; of temples to head and ear; of pads."""
+"""Least distances to the skin: of the front to cornea, brow, nose and cheek; of temples to head and ear; of pads."""
 SPREAD_MM = 10.0
 """How far each temple may be spread to put them on."""
 _BELOW_PUPIL_MM = 2.5
@@ -43,6 +43,8 @@ _WIDER_MM = 3.0
 """The lenses' middles are that much farther apart than the pupils: an optician's allowance."""
 _END_MM = 5.0
 """Most that the end pieces grow to meet the temples."""
+_NASAL = 0.9
+"""Least width of a rim beside the nose, as a share of the rim."""
 _POSES = 40
 _PLACES = ("sellion", "eye_left", "eye_right", "ear_root_top_left")
 
@@ -227,7 +229,7 @@ def _before_the_face(face: _Face, front: _Front) -> _Front:
             flat[:, :2], [front.lens]
         )
         short = float((w + front.thick + room)[material].max(initial=-1.0))
-        step = max(short, 0.6 * k if _rim_left(front.lens, nose) < 0.7 * sizes.rim else 0.0)
+        step = max(short, 0.6 * k if _rim_left(front.lens, nose) < _NASAL * sizes.rim else 0.0)
         if step <= 0.02:
             break
         rolled = _forward(rolled, step)
@@ -299,7 +301,7 @@ def _pad(face: _Face, front: _Front, edge: float) -> Mesh:
     normal = face.part.mesh.face_normals[found.faces]
     radius = 1.7 * unit
     touching = found.points + (radius + room) * normal
-    u, v, _ = front.rolled.flat(centre[None])[0]
+    v = front.rolled.flat(centre[None])[0, 1]
     nasal = front.lens[front.lens[:, 0] < front.sizes.lens_middle]
     held = []
     for height in (v + 4.0 * k, v - 2.0 * k):

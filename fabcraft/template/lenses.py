@@ -59,6 +59,8 @@ SHAPES: Mapping[str, tuple[tuple[float, float], ...]] = {
     ),
 }
 """Points of the wearer's left lens in its box, the temple at +1, the nose at -1, counter-clockwise."""
+_BROWED = 0.3
+"""How much wider the rim is over the eye than under it, as a share."""
 _PIXEL = 0.05
 """Of the grid that a front is drawn on, as a share of the rim."""
 
@@ -134,8 +136,8 @@ def _field(
     points = np.stack([u, v], -1).reshape(-1, 2)
     away = cKDTree(lens).query(points)[0].reshape(u.shape)
     away = np.where(inside(points, [lens]).reshape(u.shape), -away, away)
-    # a little stronger over the eye than under it, as acetate frames are
-    material = away - rim * (1.0 + 0.18 * np.clip(2.0 * v / height, -1.0, 1.0))
+    # stronger over the eye than under it, as acetate frames are
+    material = away - rim * (1.0 + _BROWED * np.clip(0.5 + v / height, 0.0, 1.0))
     thick = 0.55 * rim + 0.03 * height
     across = np.maximum(u - (0.5 * sizes.bridge + 0.3 * rim), 0.0)
     saddle = 0.24 * height + 0.02 * sizes.bridge - (u / (0.5 * sizes.bridge + rim)) ** 2 * 0.05 * height
