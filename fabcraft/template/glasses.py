@@ -62,6 +62,12 @@ class _Face:
     scale: float
     """Of the face over a median man's."""
 
+    @property
+    def temple_mm(self) -> tuple[float, float]:
+        """Thickness and height of a temple, of a person's proportions."""
+        thickness = self.least(TEMPLE_MM[0])
+        return thickness, thickness * TEMPLE_MM[1] / TEMPLE_MM[0]
+
     def least(self, person_mm: float) -> float:
         """A person's wall or rim: as it is for people, smaller for small characters."""
         return person_mm if self.part.kind != "character" else max(LEAST_MM, person_mm * self.scale)
@@ -78,6 +84,11 @@ class _Front:
     outline: Outline
     """The left half's outer border."""
     thick: float
+
+    @property
+    def unit(self) -> float:
+        """Size of its section over a person's: roundings and edges go with it."""
+        return min(self.sizes.rim / RIM_MM, self.thick / FRONT_MM)
 
     def world(self, u: float, v: float, w: float) -> Float64[np.ndarray, "3"]:
         """A place of the front, mm."""
@@ -103,7 +114,8 @@ def build(body: Body, settings: Settings) -> Template:
             )
         side = temple(hinge, way, drop)
     edge = EDGE_MM * (1.0 if face.part.kind != "character" else float(np.clip(face.scale, 0.3, 1.0)))
-    mesh = _assembled(face, front, side, float(chosen.get("groove", 0.0)), edge)
+    edge, groove = min(edge, EDGE_MM * front.unit), _groove(front, chosen)
+    mesh = _assembled(face, front, side, groove, edge)
     spread = SPREAD_MM * face.scale
     path = np.tile(np.eye(4), (_POSES, 1, 1))
     travel = float(mesh.vertices[:, 1].max() - face.part.mesh.vertices[:, 1].min()) + 10.0 * face.scale
@@ -115,7 +127,7 @@ def build(body: Body, settings: Settings) -> Template:
         mesh=mesh,
         rims=(),
         surface=None,
-        wall_mm=min(sizes.rim, front.thick, side.thickness),
+        wall_mm=min(sizes.rim - groove, front.thick, side.thickness),
         genus=2,
         contacts=tuple(
             f"{name}_{s}"
@@ -136,6 +148,7 @@ def build(body: Body, settings: Settings) -> Template:
             "rim": sizes.rim,
             "thickness": front.thick,
             "temple_length": side.length,
+            "groove": groove,
         },
         notes=(
             f"{sizes.lens_width:.0f}-{sizes.bridge:.0f}-{side.length:.0f}, {2.0 * sizes.half_width:.0f} mm wide.",
@@ -178,7 +191,7 @@ def _front(face: _Face, chosen: Mapping[str, float | str]) -> _Front:
     width = float(chosen.get("lens_width", pd - bridge + _WIDER_MM * k))
     height = float(chosen.get("lens_height", _HEIGHTS[str(chosen.get("shape", "panto"))] * width))
     rim = float(chosen.get("rim", face.least(RIM_MM)))
-    end = 1.9 * face.least(TEMPLE_MM[1])
+    end = 1.9 * face.temple_mm[1]
     half = 0.5 * bridge + width + rim + 4.0 * k
     sizes = FrontSizes(width, height, bridge, rim, half, end)
     lens = lens_outline(str(chosen.get("shape", "panto")), sizes)
@@ -268,8 +281,20 @@ def _hinge(front: _Front, thickness: float) -> Float64[np.ndarray, "3"]:
     return front.world(front.sizes.half_width - inset, front.sizes.hinge_height, -0.6 * front.thick)
 
 
+def _groove(front: _Front, chosen: Mapping[str, float | str]) -> float:
+    """Depth of the groove for lenses, 0 for none.  Raises `InputError` where the rim has no room for it."""
+    groove = float(chosen.get("groove", 0.0))
+    deepest = min(front.sizes.rim - LEAST_MM, 0.5 * front.thick - 0.8 * front.unit)
+    if groove > deepest:
+        raise InputError(
+            f"a groove of {groove:g} mm does not fit into a rim of {front.sizes.rim:g} x {front.thick:g} mm",
+            f"Choose a groove of at most {max(deepest, 0.0):.2f} mm, or a wider rim or a thicker front.",
+        )
+    return groove
+
+
 def _way(face: _Face) -> Way:
-    thickness, height = (face.least(one) for one in TEMPLE_MM)
+    thickness, height = face.temple_mm
     clear = face.part.clearance_mm
     root = face.at["ear_root_top_left"]
     return Way(root, thickness, height, clear(HEAD_MM), clear(EAR_MM), face.skin, face.scale)
@@ -277,7 +302,7 @@ def _way(face: _Face) -> Way:
 
 def _assembled(face: _Face, front: _Front, side: Temple, groove: float, edge: float) -> Mesh:
     """The left half of the front with its temple and pad, and its mirror image."""
-    unit = front.sizes.rim / RIM_MM
+    unit = front.unit
     rims = [Rim(0.8 * unit, 1.2 * unit), Rim(0.6 * unit, 0.6 * unit, groove)]
     flat = plate([front.outline, front.lens], front.thick, rims, edge, half=True)
     places = front.rolled.world(flat.points - [0.0, 0.0, front.thick])
@@ -291,7 +316,7 @@ def _assembled(face: _Face, front: _Front, side: Temple, groove: float, edge: fl
 
 def _pad(face: _Face, front: _Front, edge: float) -> Mesh:
     """The left pad: a rounded block from the back of the rim to the flank of the nose, shaped by the skin."""
-    k, unit = face.scale, front.sizes.rim / RIM_MM
+    k, unit = face.scale, front.unit
     room = face.part.clearance_mm(PAD_MM)
     region = face.part.regions["nose_flank_left"]
     centre = face.part.mesh.vertices[region.vertex_indices].mean(0)
