@@ -22,7 +22,7 @@ from fabcraft.geometry.isotropic import isotropic, reflected
 from fabcraft.geometry.oval import SAMPLES, Oval
 from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
-from fabcraft.template.lenses import SHAPES, FrontSizes, Outline, front_outline, lens_outline
+from fabcraft.template.lenses import SHAPES, FrontSizes, Outline, blank, lens_outline
 from fabcraft.template.melt import melted
 from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
@@ -228,11 +228,11 @@ def _forward(rolled: Rolled, by_mm: float) -> Rolled:
 def _before_the_face(face: _Face, front: _Front) -> _Front:
     """The outline cut out for the nose, and the front moved forward until it keeps its distances."""
     k, sizes, clear = face.scale, front.sizes, face.part.clearance_mm
-    rolled = front.rolled
+    rolled, drawn = front.rolled, blank(front.lens, sizes)
     for _ in range(60):
         flat = rolled.flat(face.points)
         nose = _nose(flat, front, clear(NOSE_MM))
-        outline, _ = front_outline(front.lens, sizes, nose)
+        outline = drawn.outline(nose)
         u, v, w = flat.T
         room = np.full(len(u), clear(CHEEK_MM))
         room[(v > 0.15 * sizes.lens_height) & (u > 0.5 * sizes.bridge)] = clear(BROW_MM)

@@ -61,7 +61,7 @@ SHAPES: Mapping[str, tuple[tuple[float, float], ...]] = {
 """Points of the wearer's left lens in its box, the temple at +1, the nose at -1, counter-clockwise."""
 _BROWED = 0.3
 """How much wider the rim is over the eye than under it, as a share."""
-_PIXEL = 0.05
+_PIXEL = 0.1
 """Of the grid that a front is drawn on, as a share of the rim."""
 
 
@@ -104,24 +104,43 @@ def lens_outline(shape: str, sizes: FrontSizes) -> Outline:
     return unit * [0.5 * sizes.lens_width, 0.5 * sizes.lens_height] + [sizes.lens_middle, 0.0]
 
 
-def front_outline(
-    lens: Outline, sizes: FrontSizes, nose: Float64[np.ndarray, "M 2"]
-) -> tuple[Outline, float]:
-    """The outer border of the front's left half, from (0, v) below the bridge round to (0, v) above it; and its lowest v.
+@dataclass(frozen=True, eq=False)
+class Blank:
+    """A front before it is cut out for the nose: distance to its border on a grid, about, negative on the front."""
 
-    nose : rows (v, u) of how wide the nose is where it passes through the front, with its clearance, v rising.
-    """
+    rim: float
+    pixel: float
+    u: Float64[np.ndarray, "H W"]
+    """Of the pixels of the left half, from the middle line on."""
+    v: Float64[np.ndarray, "H W"]
+    field: Float64[np.ndarray, "H W"]
+
+    def outline(self, nose: Float64[np.ndarray, "M 2"]) -> Outline:
+        """The outer border of the front's left half, from (0, v) below the bridge round to (0, v) above it.
+
+        nose : rows (v, u) of how wide the nose is where it passes through the front, with its clearance, v rising.
+        """
+        half = self.field
+        if len(nose):
+            width = np.interp(self.v, nose[:, 0], nose[:, 1], right=-1e3)
+            half = smooth_common(half, width - self.u, 0.5 * self.rim)
+        contour = level_contours(-np.concatenate([half[:, ::-1], half], axis=1), 0.0)[0]
+        around = np.stack(
+            [(contour[:, 0] - half.shape[1]) * self.pixel, self.v[0, 0] + (0.5 - contour[:, 1]) * self.pixel],
+            1,
+        )
+        return _right_half(smooth(counter_clockwise(around), 0.28 * self.rim))
+
+
+def blank(lens: Outline, sizes: FrontSizes) -> Blank:
+    """The front round the wearer's left lens and its mirror image."""
     pixel = _PIXEL * sizes.rim
     top = 0.5 * sizes.lens_height + 3.0 * sizes.rim
     columns = int(np.ceil((sizes.half_width + 2.0 * sizes.rim) / pixel))
     rows = int(np.ceil(2.0 * top / pixel))
-    # the grid is symmetric, with the middle line between two columns
-    u, v = np.meshgrid((np.arange(-columns, columns) + 0.5) * pixel, top - (np.arange(rows) + 0.5) * pixel)
-    half = _field(np.abs(u[:, columns:]), v[:, columns:], lens, sizes, nose)
-    field = np.concatenate([half[:, ::-1], half], axis=1)
-    contour = level_contours(-field, 0.0)[0]
-    around = np.stack([(contour[:, 0] - columns) * pixel, top - contour[:, 1] * pixel], 1)
-    return _right_half(smooth(counter_clockwise(around), 0.28 * sizes.rim))
+    # the whole grid is symmetric, with the middle line between two columns
+    u, v = np.meshgrid((np.arange(columns) + 0.5) * pixel, top - (np.arange(rows) + 0.5) * pixel)
+    return Blank(sizes.rim, pixel, u, v, _field(u, v, lens, sizes))
 
 
 def _field(
@@ -129,7 +148,6 @@ def _field(
     v: Float64[np.ndarray, "H W"],
     lens: Outline,
     sizes: FrontSizes,
-    nose: Float64[np.ndarray, "M 2"],
 ) -> Float64[np.ndarray, "H W"]:
     """Distance to the border of the front, about, negative on it."""
     rim, height = sizes.rim, sizes.lens_height
@@ -150,14 +168,10 @@ def _field(
     radius = sizes.end_piece * (0.62 - 0.12 * along)
     lug = np.linalg.norm(points - start - along[:, None] * (end - start), axis=1) - radius
     material = smooth_union(material, lug.reshape(u.shape), 1.6 * rim)
-    material = np.maximum(material, -away)  # nothing of that before the lens
-    if len(nose):
-        width = np.interp(v, nose[:, 0], nose[:, 1], right=-1e3)
-        material = smooth_common(material, width - u, 0.5 * rim)
-    return material
+    return np.maximum(material, -away)  # nothing of that before the lens
 
 
-def _right_half(contour: Outline) -> tuple[Outline, float]:
+def _right_half(contour: Outline) -> Outline:
     """The part at u >= 0, ending on u = 0 exactly, from below to above."""
     u = contour[:, 0]
     count = len(contour)
@@ -169,5 +183,4 @@ def _right_half(contour: Outline) -> tuple[Outline, float]:
     inner = turned[1 : stop + 1]
     inner = inner[inner[:, 0] > 0.05 * np.abs(np.diff(contour[:2], axis=0)).max()]
     ends = [np.array([[0.0, side[1]]]) for side in (inner[0], inner[-1])]
-    half = np.concatenate([ends[0], inner, ends[1]])
-    return half, float(half[:, 1].min())
+    return np.concatenate([ends[0], inner, ends[1]])
