@@ -89,7 +89,9 @@ def test_a_gap_is_as_wide_as_asked():
     assert across[across > 0].min() - across[across < 0].max() == pytest.approx(40.0, abs=1.5)
 
 
-@pytest.mark.parametrize(("setting", "hint"), [({"width": 2.0}, "4 to 60 mm"), ({"style": "hinged"}, "closed or open")])
+@pytest.mark.parametrize(
+    ("setting", "hint"), [({"width": 2.0}, "4 to 60 mm"), ({"style": "hinged"}, "closed or open")]
+)
 def test_settings_out_of_range_are_refused_with_the_range(setting, hint):
     with pytest.raises(InputError) as refused:
         KIND.build(find_body("child"), setting)

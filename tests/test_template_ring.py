@@ -21,6 +21,7 @@ from fabcraft.errors import InputError
 from fabcraft.template.ring import KIND
 from fabcraft.wearer import find_body
 
+
 @pytest.mark.parametrize("wearer", ["man", "child"])
 def test_a_ring_keeps_what_its_template_lists(wearer):
     ring, finger = built("ring", wearer), skin("ring", wearer)

@@ -32,7 +32,9 @@ def skin(kind: str, wearer: str, **settings: float | str) -> SurfaceDistance:
 def taken_off(template: Template, mesh: Mesh) -> Donning:
     """Another mesh in the template's place, taken off along its path."""
     path = template.path
-    return measure_path(mesh, SurfaceDistance(path.through or template.body.mesh), path.poses, path.allowed_mm)
+    return measure_path(
+        mesh, SurfaceDistance(path.through or template.body.mesh), path.poses, path.allowed_mm
+    )
 
 
 def assert_comes_off(template: Template) -> None:

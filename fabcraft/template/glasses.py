@@ -100,6 +100,7 @@ def build(body: Body, settings: Settings) -> Template:
     chosen = _named(KIND.settled(settings))
     face = _face(body)
     front = _front(face, chosen)
+    groove = _groove(front, chosen)
     drop = _DROP_MM * face.scale
     way = _way(face)
     hinge = _hinge(front, way.thickness)
@@ -114,7 +115,7 @@ def build(body: Body, settings: Settings) -> Template:
             )
         side = temple(hinge, way, drop)
     edge = EDGE_MM * (1.0 if face.part.kind != "character" else float(np.clip(face.scale, 0.3, 1.0)))
-    edge, groove = min(edge, EDGE_MM * front.unit), _groove(front, chosen)
+    edge = min(edge, EDGE_MM * front.unit)
     mesh = _assembled(face, front, side, groove, edge)
     spread = SPREAD_MM * face.scale
     path = np.tile(np.eye(4), (_POSES, 1, 1))

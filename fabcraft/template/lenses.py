@@ -17,7 +17,7 @@ from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise, inside, level_contours, smooth
 from fabcraft.geometry.implicit import smooth_common, smooth_union
 
-Outline = Float64[np.ndarray, "N 2"]
+Outline = Float64[np.ndarray, "_ 2"]
 
 SHAPES: Mapping[str, tuple[tuple[float, float], ...]] = {
     "panto": (
@@ -123,7 +123,8 @@ class Blank:
         half = self.field
         if len(nose):
             width = np.interp(self.v, nose[:, 0], nose[:, 1], right=-1e3)
-            half = smooth_common(half, width - self.u, 0.5 * self.rim)
+            cut = smooth_common(half.ravel(), (width - self.u).ravel(), 0.5 * self.rim)
+            half = cut.reshape(half.shape)
         contour = level_contours(-np.concatenate([half[:, ::-1], half], axis=1), 0.0)[0]
         around = np.stack(
             [(contour[:, 0] - half.shape[1]) * self.pixel, self.v[0, 0] + (0.5 - contour[:, 1]) * self.pixel],
@@ -140,20 +141,16 @@ def blank(lens: Outline, sizes: FrontSizes) -> Blank:
     rows = int(np.ceil(2.0 * top / pixel))
     # the whole grid is symmetric, with the middle line between two columns
     u, v = np.meshgrid((np.arange(columns) + 0.5) * pixel, top - (np.arange(rows) + 0.5) * pixel)
-    return Blank(sizes.rim, pixel, u, v, _field(u, v, lens, sizes))
+    field = _field(np.stack([u.ravel(), v.ravel()], 1), lens, sizes).reshape(u.shape)
+    return Blank(sizes.rim, pixel, u, v, field)
 
 
-def _field(
-    u: Float64[np.ndarray, "H W"],
-    v: Float64[np.ndarray, "H W"],
-    lens: Outline,
-    sizes: FrontSizes,
-) -> Float64[np.ndarray, "H W"]:
-    """Distance to the border of the front, about, negative on it."""
+def _field(points: Float64[np.ndarray, "N 2"], lens: Outline, sizes: FrontSizes) -> Float64[np.ndarray, " N"]:
+    """Distance of places (u, v) to the border of the front, about, negative on it."""
     rim, height = sizes.rim, sizes.lens_height
-    points = np.stack([u, v], -1).reshape(-1, 2)
-    away = cKDTree(lens).query(points)[0].reshape(u.shape)
-    away = np.where(inside(points, [lens]).reshape(u.shape), -away, away)
+    u, v = points.T
+    away = cKDTree(lens).query(points)[0]
+    away = np.where(inside(points, [lens]), -away, away)
     # stronger over the eye than under it, as acetate frames are
     material = away - rim * (1.0 + _BROWED * np.clip(0.5 + v / height, 0.0, 1.0))
     thick = 0.55 * rim + 0.03 * height
@@ -167,7 +164,7 @@ def _field(
     along = np.clip(((points - start) @ (end - start)) / ((end - start) @ (end - start)), 0.0, 1.0)
     radius = sizes.end_piece * (0.62 - 0.12 * along)
     lug = np.linalg.norm(points - start - along[:, None] * (end - start), axis=1) - radius
-    material = smooth_union(material, lug.reshape(u.shape), 1.6 * rim)
+    material = smooth_union(material, lug, 1.6 * rim)
     return np.maximum(material, -away)  # nothing of that before the lens
 
 

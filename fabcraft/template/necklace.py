@@ -242,6 +242,11 @@ def _rested(neck: _Neck, rolled: Rolled, surface: SurfaceDistance, hangs: bool) 
         tilts = np.arange(75.0, -1.0, -5.0)
         steepest = (next((one for one in tilts if room(one, down) > 0.0), -np.inf) for down in raised)
         tilt, low = max(zip(steepest, raised, strict=True))
+        if not np.isfinite(tilt):
+            raise InputError(
+                f"a necklace of {rolled.oval.length:.0f} mm finds no way to hang round this neck",
+                "Choose style=open, or another length.",
+            )
     else:
         tilt, low = (
             start,
@@ -289,9 +294,7 @@ def _head(neck: _Neck, thick_mm: float = 0.0) -> list[Station]:
         near = points[np.abs(points[:, 2] - z) < reach]
         middle = np.array([0.0, neck.at["head"][1], z])
         past = len(near) <= 8  # the top of the head
-        oval = (
-            slices[-1].oval.scaled(0.5) if past else Oval.around((near - middle) @ _LEVEL[:2].T).mirrored()
-        )
+        oval = slices[-1].oval.scaled(0.5) if past else Oval.around((near - middle) @ _LEVEL[:2].T).mirrored()
         slices.append(Station(middle, _LEVEL, oval))
     return slices
 
