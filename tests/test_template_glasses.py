@@ -21,6 +21,7 @@ from fabcraft.template.glasses import KIND
 from fabcraft.template.lenses import SHAPES, FrontSizes, blank, lens_outline
 from fabcraft.wearer import find_body
 
+SET = {"size": "44-16-125", "groove": 0.8}
 SIZES = FrontSizes(50.0, 38.0, 18.0, 3.5, 68.0, 9.5)
 
 
@@ -64,10 +65,16 @@ def test_the_eyes_look_through_the_lenses():
 
 
 def test_a_groove_for_lenses_is_cut_into_the_rim():
-    plain, grooved = built("glasses", "child"), built("glasses", "child", groove=0.8)
+    grooved = built("glasses", "child", **SET)
     assert_sound(grooved)
     assert grooved.wall_mm == pytest.approx(3.5 - 0.8)
-    assert grooved.mesh.volume_mm3 < plain.mesh.volume_mm3 - 50.0
+    front = grooved.motifs[0]
+    low = front.openings[1][front.openings[1][:, 1].argmin()]
+    away = grooved.mesh.vertices - front.origin
+    u, v, w = (away @ axis for axis in (front.right, front.up, front.outward))
+    under = (np.abs(u - low[0]) < 4.0) & (np.abs(v - low[1]) < 1.5)
+    middle = w[under & (v > low[1] - 0.1)].mean()  # of the two walls beside the groove
+    assert v[under & (np.abs(w - middle) < 0.3)].min() == pytest.approx(low[1] - 0.8, abs=0.15)
 
 
 def test_a_groove_deeper_than_the_rim_allows_is_refused():
@@ -76,7 +83,7 @@ def test_a_groove_deeper_than_the_rim_allows_is_refused():
 
 
 def test_the_printed_size_names_lens_bridge_and_temple():
-    glasses = built("glasses", "child", size="44-16-125")
+    glasses = built("glasses", "child", **SET)
     made = [glasses.parameters[name] for name in ("lens_width", "bridge", "temple_length")]
     np.testing.assert_allclose(made, [44.0, 16.0, 125.0], atol=2.0)
     assert np.ptp(glasses.motifs[0].openings[0][:, 0]) == pytest.approx(44.0, abs=0.1)
