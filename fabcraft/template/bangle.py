@@ -143,8 +143,8 @@ def _wrist(
     if soft:
         origin, axes = centred(part.mesh, origin, axes, 8.0 * scale)
     natural = WALL_MM if soft else max(LEAST_WALL_MM, 0.02 * float(part.mesh.size_mm.max()))
-    places = np.linspace(-0.5 * width, 0.5 * width, _SECTIONS)
-    oval = Oval.holding([station(part.mesh, origin + at * axes[2], axes).oval for at in places])
+    under = np.linspace(-0.5 * width, 0.5 * width, _SECTIONS)
+    oval = Oval.holding([station(part.mesh, origin + at * axes[2], axes).oval for at in under])
     return _Wrist(
         part,
         folded,

@@ -1,8 +1,8 @@
 """Glasses: a front with two lens openings before the eyes, temples over the ears, pads on the nose.
 
 The front is a plate in a picture plane, tilted (pantoscopic) and rolled round a standing axis (wrap); its back stands 13 mm
-before the corneas, or as far as brow, nose and cheeks ask.  A = PD - DBL, B = 0.72 A, DBL 18 mm for adults; "52-18-140" names
-A, DBL and the length of the temples.  Everything is symmetric to x = 0: the left half is made and reflected.
+before the corneas, or as far as brow, nose and cheeks ask.  A = PD - DBL, B = 0.72 A, DBL 18 mm for adults; "52-18-140"
+names A, DBL and the length of the temples.  Everything is symmetric to x = 0: the left half is made and reflected.
 """
 
 import re
@@ -22,7 +22,7 @@ from fabcraft.geometry.isotropic import isotropic, reflected
 from fabcraft.geometry.oval import SAMPLES, Oval
 from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
-from fabcraft.template.lenses import SHAPES, FrontSizes, Outline, front_outline, lens_outline
+from fabcraft.template.lenses import SHAPES, FrontSizes, Outline, blank, lens_outline
 from fabcraft.template.melt import melted
 from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
@@ -34,7 +34,7 @@ PD_MM = 64.0
 """Median man's distance of the pupils, which the listed lengths belong to."""
 RIM_MM, FRONT_MM, TEMPLE_MM, LEAST_MM = 3.5, 4.0, (3.0, 5.0), 1.6
 VERTEX_MM, BROW_MM, NOSE_MM, CHEEK_MM, HEAD_MM, EAR_MM, PAD_MM = 13.0, 3.0, 0.5, 1.0, 1.0, 0.15, 0.1
-"""Least distances to the skin: of the front's back to the cornea, brow, nose and cheek; of temples to head and ear; of pads."""
+"""Least distances to the skin: of the front to cornea, brow, nose and cheek; of temples to head and ear; of pads."""
 SPREAD_MM = 10.0
 """How far each temple may be spread to put them on."""
 _BELOW_PUPIL_MM = 2.5
@@ -43,6 +43,8 @@ _WIDER_MM = 3.0
 """The lenses' middles are that much farther apart than the pupils: an optician's allowance."""
 _END_MM = 5.0
 """Most that the end pieces grow to meet the temples."""
+_NASAL = 0.9
+"""Least width of a rim beside the nose, as a share of the rim."""
 _POSES = 40
 _PLACES = ("sellion", "eye_left", "eye_right", "ear_root_top_left")
 
@@ -59,6 +61,12 @@ class _Face:
     pd: float
     scale: float
     """Of the face over a median man's."""
+
+    @property
+    def temple_mm(self) -> tuple[float, float]:
+        """Thickness and height of a temple, of a person's proportions."""
+        thickness = self.least(TEMPLE_MM[0])
+        return thickness, thickness * TEMPLE_MM[1] / TEMPLE_MM[0]
 
     def least(self, person_mm: float) -> float:
         """A person's wall or rim: as it is for people, smaller for small characters."""
@@ -77,6 +85,11 @@ class _Front:
     """The left half's outer border."""
     thick: float
 
+    @property
+    def unit(self) -> float:
+        """Size of its section over a person's: roundings and edges go with it."""
+        return min(self.sizes.rim / RIM_MM, self.thick / FRONT_MM)
+
     def world(self, u: float, v: float, w: float) -> Float64[np.ndarray, "3"]:
         """A place of the front, mm."""
         return self.rolled.world(np.array([[u, v, w]]))[0]
@@ -87,6 +100,7 @@ def build(body: Body, settings: Settings) -> Template:
     chosen = _named(KIND.settled(settings))
     face = _face(body)
     front = _front(face, chosen)
+    groove = _groove(front, chosen)
     drop = _DROP_MM * face.scale
     way = _way(face)
     hinge = _hinge(front, way.thickness)
@@ -101,7 +115,8 @@ def build(body: Body, settings: Settings) -> Template:
             )
         side = temple(hinge, way, drop)
     edge = EDGE_MM * (1.0 if face.part.kind != "character" else float(np.clip(face.scale, 0.3, 1.0)))
-    mesh = _assembled(face, front, side, float(chosen.get("groove", 0.0)), edge)
+    edge = min(edge, EDGE_MM * front.unit)
+    mesh = _assembled(face, front, side, groove, edge)
     spread = SPREAD_MM * face.scale
     path = np.tile(np.eye(4), (_POSES, 1, 1))
     travel = float(mesh.vertices[:, 1].max() - face.part.mesh.vertices[:, 1].min()) + 10.0 * face.scale
@@ -113,7 +128,7 @@ def build(body: Body, settings: Settings) -> Template:
         mesh=mesh,
         rims=(),
         surface=None,
-        wall_mm=min(sizes.rim, front.thick, side.thickness),
+        wall_mm=min(sizes.rim - groove, front.thick, side.thickness),
         genus=2,
         contacts=tuple(
             f"{name}_{s}"
@@ -134,6 +149,7 @@ def build(body: Body, settings: Settings) -> Template:
             "rim": sizes.rim,
             "thickness": front.thick,
             "temple_length": side.length,
+            "groove": groove,
         },
         notes=(
             f"{sizes.lens_width:.0f}-{sizes.bridge:.0f}-{side.length:.0f}, {2.0 * sizes.half_width:.0f} mm wide.",
@@ -176,7 +192,7 @@ def _front(face: _Face, chosen: Mapping[str, float | str]) -> _Front:
     width = float(chosen.get("lens_width", pd - bridge + _WIDER_MM * k))
     height = float(chosen.get("lens_height", _HEIGHTS[str(chosen.get("shape", "panto"))] * width))
     rim = float(chosen.get("rim", face.least(RIM_MM)))
-    end = 1.9 * face.least(TEMPLE_MM[1])
+    end = 1.9 * face.temple_mm[1]
     half = 0.5 * bridge + width + rim + 4.0 * k
     sizes = FrontSizes(width, height, bridge, rim, half, end)
     lens = lens_outline(str(chosen.get("shape", "panto")), sizes)
@@ -213,11 +229,11 @@ def _forward(rolled: Rolled, by_mm: float) -> Rolled:
 def _before_the_face(face: _Face, front: _Front) -> _Front:
     """The outline cut out for the nose, and the front moved forward until it keeps its distances."""
     k, sizes, clear = face.scale, front.sizes, face.part.clearance_mm
-    rolled = front.rolled
+    rolled, drawn = front.rolled, blank(front.lens, sizes)
     for _ in range(60):
         flat = rolled.flat(face.points)
         nose = _nose(flat, front, clear(NOSE_MM))
-        outline, _ = front_outline(front.lens, sizes, nose)
+        outline = drawn.outline(nose)
         u, v, w = flat.T
         room = np.full(len(u), clear(CHEEK_MM))
         room[(v > 0.15 * sizes.lens_height) & (u > 0.5 * sizes.bridge)] = clear(BROW_MM)
@@ -227,7 +243,7 @@ def _before_the_face(face: _Face, front: _Front) -> _Front:
             flat[:, :2], [front.lens]
         )
         short = float((w + front.thick + room)[material].max(initial=-1.0))
-        step = max(short, 0.6 * k if _rim_left(front.lens, nose) < 0.7 * sizes.rim else 0.0)
+        step = max(short, 0.6 * k if _rim_left(front.lens, nose) < _NASAL * sizes.rim else 0.0)
         if step <= 0.02:
             break
         rolled = _forward(rolled, step)
@@ -266,8 +282,20 @@ def _hinge(front: _Front, thickness: float) -> Float64[np.ndarray, "3"]:
     return front.world(front.sizes.half_width - inset, front.sizes.hinge_height, -0.6 * front.thick)
 
 
+def _groove(front: _Front, chosen: Mapping[str, float | str]) -> float:
+    """Depth of the groove for lenses, 0 for none.  Raises `InputError` where the rim has no room for it."""
+    groove = float(chosen.get("groove", 0.0))
+    deepest = min(front.sizes.rim - LEAST_MM, 0.5 * front.thick - 0.8 * front.unit)
+    if groove > deepest:
+        raise InputError(
+            f"a groove of {groove:g} mm does not fit into a rim of {front.sizes.rim:g} x {front.thick:g} mm",
+            f"Choose a groove of at most {max(deepest, 0.0):.2f} mm, or a wider rim or a thicker front.",
+        )
+    return groove
+
+
 def _way(face: _Face) -> Way:
-    thickness, height = (face.least(one) for one in TEMPLE_MM)
+    thickness, height = face.temple_mm
     clear = face.part.clearance_mm
     root = face.at["ear_root_top_left"]
     return Way(root, thickness, height, clear(HEAD_MM), clear(EAR_MM), face.skin, face.scale)
@@ -275,7 +303,7 @@ def _way(face: _Face) -> Way:
 
 def _assembled(face: _Face, front: _Front, side: Temple, groove: float, edge: float) -> Mesh:
     """The left half of the front with its temple and pad, and its mirror image."""
-    unit = front.sizes.rim / RIM_MM
+    unit = front.unit
     rims = [Rim(0.8 * unit, 1.2 * unit), Rim(0.6 * unit, 0.6 * unit, groove)]
     flat = plate([front.outline, front.lens], front.thick, rims, edge, half=True)
     places = front.rolled.world(flat.points - [0.0, 0.0, front.thick])
@@ -289,7 +317,7 @@ def _assembled(face: _Face, front: _Front, side: Temple, groove: float, edge: fl
 
 def _pad(face: _Face, front: _Front, edge: float) -> Mesh:
     """The left pad: a rounded block from the back of the rim to the flank of the nose, shaped by the skin."""
-    k, unit = face.scale, front.sizes.rim / RIM_MM
+    k, unit = face.scale, front.unit
     room = face.part.clearance_mm(PAD_MM)
     region = face.part.regions["nose_flank_left"]
     centre = face.part.mesh.vertices[region.vertex_indices].mean(0)
@@ -299,7 +327,7 @@ def _pad(face: _Face, front: _Front, edge: float) -> Mesh:
     normal = face.part.mesh.face_normals[found.faces]
     radius = 1.7 * unit
     touching = found.points + (radius + room) * normal
-    u, v, _ = front.rolled.flat(centre[None])[0]
+    v = front.rolled.flat(centre[None])[0, 1]
     nasal = front.lens[front.lens[:, 0] < front.sizes.lens_middle]
     held = []
     for height in (v + 4.0 * k, v - 2.0 * k):

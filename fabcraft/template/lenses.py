@@ -17,7 +17,7 @@ from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise, inside, level_contours, smooth
 from fabcraft.geometry.implicit import smooth_common, smooth_union
 
-Outline = Float64[np.ndarray, "N 2"]
+Outline = Float64[np.ndarray, "_ 2"]
 
 SHAPES: Mapping[str, tuple[tuple[float, float], ...]] = {
     "panto": (
@@ -59,7 +59,9 @@ SHAPES: Mapping[str, tuple[tuple[float, float], ...]] = {
     ),
 }
 """Points of the wearer's left lens in its box, the temple at +1, the nose at -1, counter-clockwise."""
-_PIXEL = 0.05
+_BROWED = 0.3
+"""How much wider the rim is over the eye than under it, as a share."""
+_PIXEL = 0.1
 """Of the grid that a front is drawn on, as a share of the rim."""
 
 
@@ -102,40 +104,55 @@ def lens_outline(shape: str, sizes: FrontSizes) -> Outline:
     return unit * [0.5 * sizes.lens_width, 0.5 * sizes.lens_height] + [sizes.lens_middle, 0.0]
 
 
-def front_outline(
-    lens: Outline, sizes: FrontSizes, nose: Float64[np.ndarray, "M 2"]
-) -> tuple[Outline, float]:
-    """The outer border of the front's left half, from (0, v) below the bridge round to (0, v) above it; and its lowest v.
+@dataclass(frozen=True, eq=False)
+class Blank:
+    """A front before it is cut out for the nose: distance to its border on a grid, about, negative on the front."""
 
-    nose : rows (v, u) of how wide the nose is where it passes through the front, with its clearance, v rising.
-    """
+    rim: float
+    pixel: float
+    u: Float64[np.ndarray, "H W"]
+    """Of the pixels of the left half, from the middle line on."""
+    v: Float64[np.ndarray, "H W"]
+    field: Float64[np.ndarray, "H W"]
+
+    def outline(self, nose: Float64[np.ndarray, "M 2"]) -> Outline:
+        """The outer border of the front's left half, from (0, v) below the bridge round to (0, v) above it.
+
+        nose : rows (v, u) of how wide the nose is where it passes through the front, with its clearance, v rising.
+        """
+        half = self.field
+        if len(nose):
+            width = np.interp(self.v, nose[:, 0], nose[:, 1], right=-1e3)
+            cut = smooth_common(half.ravel(), (width - self.u).ravel(), 0.5 * self.rim)
+            half = cut.reshape(half.shape)
+        contour = level_contours(-np.concatenate([half[:, ::-1], half], axis=1), 0.0)[0]
+        around = np.stack(
+            [(contour[:, 0] - half.shape[1]) * self.pixel, self.v[0, 0] + (0.5 - contour[:, 1]) * self.pixel],
+            1,
+        )
+        return _right_half(smooth(counter_clockwise(around), 0.28 * self.rim))
+
+
+def blank(lens: Outline, sizes: FrontSizes) -> Blank:
+    """The front round the wearer's left lens and its mirror image."""
     pixel = _PIXEL * sizes.rim
     top = 0.5 * sizes.lens_height + 3.0 * sizes.rim
     columns = int(np.ceil((sizes.half_width + 2.0 * sizes.rim) / pixel))
     rows = int(np.ceil(2.0 * top / pixel))
-    # the grid is symmetric, with the middle line between two columns
-    u, v = np.meshgrid((np.arange(-columns, columns) + 0.5) * pixel, top - (np.arange(rows) + 0.5) * pixel)
-    half = _field(np.abs(u[:, columns:]), v[:, columns:], lens, sizes, nose)
-    field = np.concatenate([half[:, ::-1], half], axis=1)
-    contour = level_contours(-field, 0.0)[0]
-    around = np.stack([(contour[:, 0] - columns) * pixel, top - contour[:, 1] * pixel], 1)
-    return _right_half(smooth(counter_clockwise(around), 0.28 * sizes.rim))
+    # the whole grid is symmetric, with the middle line between two columns
+    u, v = np.meshgrid((np.arange(columns) + 0.5) * pixel, top - (np.arange(rows) + 0.5) * pixel)
+    field = _field(np.stack([u.ravel(), v.ravel()], 1), lens, sizes).reshape(u.shape)
+    return Blank(sizes.rim, pixel, u, v, field)
 
 
-def _field(
-    u: Float64[np.ndarray, "H W"],
-    v: Float64[np.ndarray, "H W"],
-    lens: Outline,
-    sizes: FrontSizes,
-    nose: Float64[np.ndarray, "M 2"],
-) -> Float64[np.ndarray, "H W"]:
-    """Distance to the border of the front, about, negative on it."""
+def _field(points: Float64[np.ndarray, "N 2"], lens: Outline, sizes: FrontSizes) -> Float64[np.ndarray, " N"]:
+    """Distance of places (u, v) to the border of the front, about, negative on it."""
     rim, height = sizes.rim, sizes.lens_height
-    points = np.stack([u, v], -1).reshape(-1, 2)
-    away = cKDTree(lens).query(points)[0].reshape(u.shape)
-    away = np.where(inside(points, [lens]).reshape(u.shape), -away, away)
-    # a little stronger over the eye than under it, as acetate frames are
-    material = away - rim * (1.0 + 0.18 * np.clip(2.0 * v / height, -1.0, 1.0))
+    u, v = points.T
+    away = cKDTree(lens).query(points)[0]
+    away = np.where(inside(points, [lens]), -away, away)
+    # stronger over the eye than under it, as acetate frames are
+    material = away - rim * (1.0 + _BROWED * np.clip(0.5 + v / height, 0.0, 1.0))
     thick = 0.55 * rim + 0.03 * height
     across = np.maximum(u - (0.5 * sizes.bridge + 0.3 * rim), 0.0)
     saddle = 0.24 * height + 0.02 * sizes.bridge - (u / (0.5 * sizes.bridge + rim)) ** 2 * 0.05 * height
@@ -147,15 +164,11 @@ def _field(
     along = np.clip(((points - start) @ (end - start)) / ((end - start) @ (end - start)), 0.0, 1.0)
     radius = sizes.end_piece * (0.62 - 0.12 * along)
     lug = np.linalg.norm(points - start - along[:, None] * (end - start), axis=1) - radius
-    material = smooth_union(material, lug.reshape(u.shape), 1.6 * rim)
-    material = np.maximum(material, -away)  # nothing of that before the lens
-    if len(nose):
-        width = np.interp(v, nose[:, 0], nose[:, 1], right=-1e3)
-        material = smooth_common(material, width - u, 0.5 * rim)
-    return material
+    material = smooth_union(material, lug, 1.6 * rim)
+    return np.maximum(material, -away)  # nothing of that before the lens
 
 
-def _right_half(contour: Outline) -> tuple[Outline, float]:
+def _right_half(contour: Outline) -> Outline:
     """The part at u >= 0, ending on u = 0 exactly, from below to above."""
     u = contour[:, 0]
     count = len(contour)
@@ -167,5 +180,4 @@ def _right_half(contour: Outline) -> tuple[Outline, float]:
     inner = turned[1 : stop + 1]
     inner = inner[inner[:, 0] > 0.05 * np.abs(np.diff(contour[:2], axis=0)).max()]
     ends = [np.array([[0.0, side[1]]]) for side in (inner[0], inner[-1])]
-    half = np.concatenate([ends[0], inner, ends[1]])
-    return half, float(half[:, 1].min())
+    return np.concatenate([ends[0], inner, ends[1]])

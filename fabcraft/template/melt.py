@@ -40,7 +40,7 @@ def melted(one: Mesh, other: Mesh, fillet_mm: float, edge_mm: float, name: str, 
     for length in (_FINE * edge_mm, _FINE * edge_mm, edge_mm):
         chosen = curve.query(mesh.corners.mean(1))[0] < reach
         if half:
-            chosen &= (mesh.corners[:, :, 0] > _AT_CUT_MM).all(1)
+            chosen = chosen & (mesh.corners[:, :, 0] > _AT_CUT_MM).all(1)
         mesh = isotropic_within(mesh, length, chosen)
         near = curve.query(mesh.vertices)[0] < reach
         moving = np.flatnonzero(near & (mesh.vertices[:, 0] > _AT_CUT_MM) if half else near)
@@ -77,5 +77,4 @@ def _seam(mesh: Mesh, from_one: Bool[np.ndarray, " F"]) -> Bool[np.ndarray, " V"
     touched = np.zeros((2, len(mesh.vertices)), dtype=bool)
     for side, own in enumerate((from_one, ~from_one)):
         touched[side, mesh.faces[own]] = True
-    both: Bool[np.ndarray, " V"] = touched.all(0)
-    return both
+    return touched[0] & touched[1]

@@ -5,6 +5,7 @@ is drawn off to the front: its gap is about 3/4 of the neck's breadth, and its e
 for the head.  Sizes are inner lengths: collar 305-330 mm, choker 355-405, princess 430-480, matinee 510-610.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -46,6 +47,7 @@ _FLEX, _SKIN_GIVES_MM = 0.085, 3.0
 _LARGEST = 2.0
 """Length of a closed necklace over that of one that follows the neck."""
 _POSES, _SLICES = 36, 24
+_CLOSEST, _LIFTS, _RESERVE_MM = 400, 12, 0.02
 _LEVEL = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
 _PLACES = ("cervicale", "jugular_notch", "neck_root", "head", "vertex", "menton")
 
@@ -167,7 +169,7 @@ def _laid(
         held = Oval.holding([one.oval.grown(room).moved(-one.oval.middle) for one in windows])
         if held.length > _LARGEST * oval.length:
             raise InputError(
-                f"a closed necklace over this head would be {held.length:.0f} mm long, round a neck of {neck.girth_mm:.0f} mm",
+                f"over this head a closed necklace is {held.length:.0f} mm long, the neck only {neck.girth_mm:.0f} mm round",
                 "Choose style=open.",
             )
         oval = held.moved(_forward(held, oval))
@@ -221,9 +223,7 @@ def _rested(neck: _Neck, rolled: Rolled, surface: SurfaceDistance, hangs: bool) 
     hangs : it is longer than the neck asks for, so that it is tilted about the nape until its front lies on the chest.
     """
     wanted = neck.part.clearance_mm(RESTING_MM)
-    u = np.linspace(-0.5, 0.5, 60, endpoint=False) * rolled.oval.length
-    section = _profile(neck).points(u[:1], 8)[0]
-    flat = np.column_stack([np.repeat(u, len(section)), np.tile(section, (len(u), 1))])
+    flat = _spread(neck, rolled, 60, 8)
     back = rolled.world(np.array([[0.5 * rolled.oval.length, 0.0, 0.0]]))[0]
 
     def placed(tilt_deg: float, down: float) -> Rolled:
@@ -231,8 +231,8 @@ def _rested(neck: _Neck, rolled: Rolled, surface: SurfaceDistance, hangs: bool) 
         local = (back - rolled.origin) @ rolled.axes.T
         return Rolled(back - local @ axes - down * axes[2], axes, rolled.oval)
 
-    def room(tilt_deg: float, down: float) -> float:
-        return float(surface.signed(placed(tilt_deg, down).world(flat)).min()) - wanted
+    def room(tilt_deg: float, down: float, places: Float64[np.ndarray, "N 3"] = flat) -> float:
+        return float(surface.signed(placed(tilt_deg, down).world(places)).min()) - wanted
 
     step = 0.1 * float(neck.at["vertex"][2] - neck.at["menton"][2])
     start = float(np.degrees(np.arctan2(-rolled.axes[1, 2], -rolled.axes[1, 1])))
@@ -242,6 +242,11 @@ def _rested(neck: _Neck, rolled: Rolled, surface: SurfaceDistance, hangs: bool) 
         tilts = np.arange(75.0, -1.0, -5.0)
         steepest = (next((one for one in tilts if room(one, down) > 0.0), -np.inf) for down in raised)
         tilt, low = max(zip(steepest, raised, strict=True))
+        if not np.isfinite(tilt):
+            raise InputError(
+                f"a necklace of {rolled.oval.length:.0f} mm finds no way to hang round this neck",
+                "Choose style=open, or another length.",
+            )
     else:
         tilt, low = (
             start,
@@ -251,7 +256,22 @@ def _rested(neck: _Neck, rolled: Rolled, surface: SurfaceDistance, hangs: bool) 
     for _ in range(12):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if room(tilt, middle) > 0.0 else (low, middle)
+    # then lifted off what stands out of the skin between the places that were looked at
+    fine = _spread(neck, rolled, round(rolled.oval.length / (0.4 * neck.tube)), 16)
+    close = fine[np.argsort(surface.signed(placed(tilt, low).world(fine)))[:_CLOSEST]]
+    for _ in range(_LIFTS):
+        missing = _RESERVE_MM - room(tilt, low, close)
+        if missing <= 0.0:
+            break
+        low -= missing
     return placed(tilt, low)
+
+
+def _spread(neck: _Neck, rolled: Rolled, around: int, on_section: int) -> Float64[np.ndarray, "N 3"]:
+    """Places (u, v, w) spread over the tube."""
+    u = np.linspace(-0.5, 0.5, around, endpoint=False) * rolled.oval.length
+    section = _profile(neck).points(u[:1], on_section)[0]
+    return np.column_stack([np.repeat(u, len(section)), np.tile(section, (len(u), 1))])
 
 
 def _head(neck: _Neck, thick_mm: float = 0.0) -> list[Station]:
@@ -273,10 +293,8 @@ def _head(neck: _Neck, thick_mm: float = 0.0) -> list[Station]:
     for z in heights:
         near = points[np.abs(points[:, 2] - z) < reach]
         middle = np.array([0.0, neck.at["head"][1], z])
-        if len(near) > 8:
-            oval = Oval.around((near - middle) @ _LEVEL[:2].T).mirrored()
-        else:
-            oval = slices[-1].oval.scaled(0.5)
+        past = len(near) <= 8  # the top of the head
+        oval = slices[-1].oval.scaled(0.5) if past else Oval.around((near - middle) @ _LEVEL[:2].T).mirrored()
         slices.append(Station(middle, _LEVEL, oval))
     return slices
 
@@ -286,7 +304,7 @@ def _over_the_head(neck: _Neck, rolled: Rolled) -> DonningPath:
     seat = Station(rolled.origin, rolled.axes, rolled.oval)
     lifted = poses([seat, *_head(neck, neck.tall)], rolled.middle)
     filled = [lifted[0]]
-    for before, after in zip(lifted[:-1], lifted[1:], strict=True):
+    for before, after in itertools.pairwise(lifted):
         filled += [_between(before, after, 0.5), after]
     gives = 0.0 if neck.part.kind == "character" else _SKIN_GIVES_MM
     return DonningPath(

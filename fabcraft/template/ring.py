@@ -5,18 +5,32 @@ bands up to 4 mm and 1.3 mm from 6 mm on, as wide bands sit tighter.  Sizes are 
 36.5 + 2.55 n mm, Swiss, Italian and Spanish sizes are 40 less than the girth.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from fabcraft.body.body import Body
 from fabcraft.body.sizes import asked
 from fabcraft.errors import InputError
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.oval import Oval
+from fabcraft.geometry.passage import passage
+from fabcraft.mesh import Mesh
 from fabcraft.template.band import Profile, closed_band
 from fabcraft.template.catalogue import Kind, Settings
-from fabcraft.template.limb import Axes, Station, along, centred, facing, middles, poses, station, straight
+from fabcraft.template.limb import (
+    Axes,
+    Station,
+    along,
+    centred,
+    facing,
+    loft,
+    middles,
+    poses,
+    station,
+    straight,
+)
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 
@@ -28,6 +42,8 @@ _SEAT = 0.6
 _STEEPEST = 0.1
 """Most that the finger's taper is followed."""
 _SKIN_GIVES_MM = 0.3
+_PRESS, _ENLARGED = 0.65, 4
+"""Share of what skin gives that a ring may take over the knuckle: the rest is for what a motif and printing add."""
 _SECTIONS, _POSES = 7, 40
 _PLACES = ("finger4_1", "finger4_2", "finger4_3", "ring_finger_tip", "wrist_back", "wrist_palm")
 
@@ -53,10 +69,18 @@ def build(body: Body, settings: Settings) -> Template:
     half = 0.5 * width - min(1.0, 0.5 * wall)
     oval, taper = _inside(part, origin, axes, over, half, gap, 0.5 * gives)
     oval = oval.grown(max(0.0, (knuckle_mm - oval.length) / (2.0 * np.pi) + gap))
-    oval, note = _of_size(oval, chosen.get("size"))
-    rolled = Rolled(origin, axes, oval)
     edge = EDGE_MM * float(np.clip(scale, 0.4, 1.0))
-    mesh, locked = closed_band(rolled, _profile(oval.length, width, wall, bezel, taper), edge, KIND.name)
+
+    def band(oval: Oval) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
+        profile = _profile(oval.length, width, wall, bezel, taper)
+        return closed_band(Rolled(origin, axes, oval), profile, edge, KIND.name)
+
+    rolled = Rolled(origin, axes, oval)
+    through = loft(over, "finger with the knuckle that was taped") if "knuckle" in chosen else None
+    path = DonningPath(poses(over, rolled.middle), gives, "the skin of the finger gives", through)
+    oval, note = _of_size(_passing(oval, band, path, part.mesh), chosen.get("size"))
+    rolled = Rolled(origin, axes, oval)
+    mesh, locked = band(oval)
     return Template(
         name=KIND.name,
         body=part,
@@ -68,10 +92,10 @@ def build(body: Body, settings: Settings) -> Template:
         contacts=(f"ring_finger_{hand}",),
         edge_mm=edge,
         donning=tuple(axes[2].tolist()),
-        path=DonningPath(poses(over, rolled.middle), gives, "the skin of the finger gives"),
+        path=path,
         locked=locked,
         motifs=(_bezel(rolled, width, wall + bezel, scale),),
-        listed_mm=(gap, gap + 0.2),
+        listed_mm=(gap, max(gap + 0.2, (oval.length - seat_mm) / (2.0 * np.pi))),
         parameters={
             "width": width,
             "thickness": wall,
@@ -137,6 +161,21 @@ def _inside(
         if (seat.support >= needed.support).all():
             return seat, taper
     return Oval.holding([seat, needed]), 0.0
+
+
+def _passing(
+    oval: Oval, band: Callable[[Oval], tuple[Mesh, Bool[np.ndarray, " F"]]], path: DonningPath, finger: Mesh
+) -> Oval:
+    """The inner side, enlarged until the band presses no more than a share of what it may on its way over the knuckle."""
+    surface = SurfaceDistance(path.through or finger)
+    for _ in range(_ENLARGED):
+        mesh, inner = band(oval)
+        inside = mesh.vertices[np.unique(mesh.faces[inner])[::2]]
+        short = float(passage(inside, path.poses, surface).depth_mm.max()) - _PRESS * path.allowed_mm
+        if short <= 0.0:
+            break
+        oval = oval.grown(short)
+    return oval
 
 
 def _of_size(needed: Oval, size: float | str | None) -> tuple[Oval, str]:
