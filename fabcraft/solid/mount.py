@@ -57,7 +57,12 @@ def mount(
         return np.maximum(filled, overhang)
 
     seen = SurfaceDistance(space.seen(body.mesh))
-    settings = SolidSettings(wall_mm=plate.wall_mm, cell_mm=CELL, clearance_mm=space.scale * clearance_mm)
+    settings = SolidSettings(
+        wall_mm=plate.wall_mm,
+        cell_mm=CELL,
+        clearance_mm=space.scale * clearance_mm,
+        simplify_mm=max(0.02, space.scale * simplify_mm),
+    )
     made = solidify(fine, settings, seen, SheetSide(outer, inner))
     placed = made.mesh.with_vertices(space.outside(made.mesh.vertices))
     whole = to_manifold(carrier) + to_manifold(placed)

@@ -11,7 +11,7 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
-from fabcraft.solid.manifolds import to_manifold, to_mesh
+from fabcraft.solid.manifolds import to_manifold, to_mesh, without_specks
 from fabcraft.solid.sheet import SheetSide, smooth_normals
 from fabcraft.solid.simplify import simplify_manifold
 from fabcraft.solid.thicken import SolidResult, SolidSettings, solidify
@@ -22,6 +22,7 @@ CELL = 0.8
 _ROUND_MM = 0.5
 """Radius of the edges at the back."""
 _STEPS = 5
+_SPECK_MM3 = 0.5
 _BEYOND = 0.5
 """How far openings are cut beyond the plate on either side, over its thickness."""
 _LONG = 3.0
@@ -49,7 +50,12 @@ def slab(
     def outer(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         return relief.detail_at(points[:, [0, 2]])
 
-    front = solidify(fine, SolidSettings(wall_mm=plate.wall_mm, cell_mm=CELL), None, SheetSide(outer))
+    front = solidify(
+        fine,
+        SolidSettings(wall_mm=plate.wall_mm, cell_mm=CELL, simplify_mm=max(0.02, space.scale * simplify_mm)),
+        None,
+        SheetSide(outer),
+    )
     depth = max(space.scale * space.frame.depth_mm, plate.wall_mm)
     alone = (
         to_manifold(front.mesh) + _filled(fine, depth) + _behind(relief, space, 0.5 * plate.wall_mm, depth)
@@ -63,6 +69,7 @@ def slab(
         for opening in relief.openings:
             cut = _prism(manifold3d.CrossSection([opening]), -_BEYOND * depth, (1.0 + _BEYOND) * depth)
             whole = whole - _placed(cut, space)
+    whole, _ = without_specks(whole, _SPECK_MM3)
     mesh, tolerance = simplify_manifold(whole, simplify_mm, carrier.name)
     numbers = {**front.numbers, "simplify_mm": tolerance, "volume_mm3": mesh.volume_mm3}
     return SolidResult(mesh, front.notes, numbers), to_mesh(alone, plate.name)
