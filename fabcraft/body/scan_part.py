@@ -105,9 +105,9 @@ class PartModel:
         return back / np.linalg.norm(back), along
 
 
-def adult(model: HumanModel) -> Float64[np.ndarray, " K"]:
+def adult(model: HumanModel) -> Float32[np.ndarray, " K"]:
     """The coefficients of an adult between man and woman."""
-    return ((model.presets["man"] + model.presets["woman"]) / 2).astype(np.float64)
+    return (model.presets["man"] + model.presets["woman"]) / 2
 
 
 def part_model(model: HumanModel, kind: Kind) -> PartModel:
