@@ -8,6 +8,7 @@ ones: the most probable person.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -21,6 +22,7 @@ from fabcraft.geometry.align import Similarity, fit_similarity, spread_points
 
 _BACK = 1200
 """Points of the scan that seek their partner on the part."""
+_ROUGH_POINTS = 5000
 _NORMAL_SHARE = 0.05
 """Distance, as a share of the part's size, that a right angle between normals counts as, about."""
 _SLIDING = 0.08
@@ -51,8 +53,16 @@ class Surface:
 
     @staticmethod
     def of(cloud: Cloud, rim: Bool[np.ndarray, " N"], size: float) -> "Surface":
+        """The surface for a part whose zone is `size` mm large."""
         tree = cKDTree(np.hstack([cloud.points, _NORMAL_SHARE * size * cloud.normals]))
         return Surface(cloud, rim, size, tree, spread_points(cloud.points, _BACK))
+
+    @cached_property
+    def rough(self) -> "Surface":
+        """The same in few points, for the steps that find the way."""
+        chosen = spread_points(self.cloud.points, _ROUGH_POINTS)
+        cloud = Cloud(self.cloud.points[chosen], self.cloud.normals[chosen])
+        return Surface.of(cloud, self.rim[chosen], self.size)
 
     def nearest(
         self, points: Float64[np.ndarray, "M 3"], normals: Float64[np.ndarray, "M 3"]
@@ -105,14 +115,21 @@ def at_rest(part: PartModel, start: Similarity, origin: Float64[np.ndarray, " L"
 
 
 def stepped(
-    part: PartModel, surface: Surface, state: State, marks: Marks | None, stiff: float, reach: float
+    part: PartModel,
+    used: Int64[np.ndarray, " S"],
+    surface: Surface,
+    state: State,
+    marks: Marks | None,
+    stiff: float,
+    reach: float,
 ) -> State:
     """The state after one step; above 1, `stiff` holds the person where they are.
 
-    reach : distance up to which the part looks for the scan, mm, even where most of it is nearer.
+    used : the part's vertices that seek the scan.  reach : distance up to which they look for it, mm, even where most
+    of them are nearer.
     """
     points, spins = posed(part.points(state.coefficients), part.bones, state.turns)
-    used, place = part.samples, state.place
+    place = state.place
     normals = part.mesh(points).vertex_normals[used] @ place.rotation.T
     moved = place.points(points)
     middle = moved[used].mean(0)
