@@ -103,7 +103,7 @@ class PartModel:
         side, along = self.kind.removeprefix("hand"), self.axis(points)[0]
         at = dict(zip(self.joint_names, points[self.skin :], strict=True))
         across = at[f"finger2_1{side}"] - at[f"finger5_1{side}"]
-        back = np.cross(along, across) if side == "_left" else np.cross(across, along)
+        back = np.cross(across, along) if side == "_left" else np.cross(along, across)
         return back / np.linalg.norm(back), along
 
 

@@ -21,7 +21,7 @@ Turns = Float64[np.ndarray, "B 3 3"]
 """The rotation of every bone against the model's own pose."""
 
 _SD_DEG = {
-    "head": 12.0, "shoulder": 25.0, "elbow": 20.0, "wrist": 15.0, "finger": 15.0,
+    "head": 12.0, "shoulder": 25.0, "elbow": 20.0, "wrist": 20.0, "finger": 34.0,
     "hip": 10.0, "knee": 8.0, "ankle": 12.0, "toes": 10.0,
 }  # fmt: skip
 """Standard deviation of the angle of each kind of joint between scans."""

@@ -25,6 +25,8 @@ _BACK = 1200
 _ROUGH_POINTS = 5000
 _NORMAL_SHARE = 0.05
 """Distance, as a share of the part's size, that a right angle between normals counts as, about."""
+_NEAR = 0.025
+"""Share of the part's size up to which a partner always counts: bent fingers are few beside a palm that fits."""
 _SLIDING = 0.08
 """Weight of the point distance beside the distance to the plane."""
 _READING, _READINGS = 0.006, 100.0
@@ -208,7 +210,7 @@ def _pairs(
     scan = np.concatenate([ahead, backward])
     away = np.linalg.norm(moved[model] - surface.cloud.points[scan], axis=1)
     alike = np.einsum("ij,ij->i", normals[model], surface.cloud.normals[scan])
-    near = max(2.5 * float(np.median(away[: len(moved)])), 0.15 * _NORMAL_SHARE * surface.size)
+    near = max(2.5 * float(np.median(away[: len(moved)])), _NEAR * surface.size)
     limit = np.full(len(away), near)  # the scan may show more than the part: only the part looks far
     limit[: len(moved)] = max(near, reach)
     weight = np.clip(1.0 - (away / limit) ** 2, 0.0, None) ** 2 * (alike > 0.3) * ~surface.rim[scan]
