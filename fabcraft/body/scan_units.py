@@ -114,4 +114,3 @@ def unit_note(path: Path, unit: str, size_mm: float, units: str) -> str:
     if suffix in (".3mf", ".glb", ".gltf"):
         return f"The unit of {path.name} suits nobody; it was taken as {WORDS[unit]}, {size}."
     return f"{path.name} names no unit; it was taken as {WORDS[unit]}, {size}."
-
