@@ -23,7 +23,7 @@ from fabcraft.body.scan_marks import has_enough, read_marks, require_enough
 from fabcraft.body.scan_part import ASKED, Kind, PartModel, adult, part_model
 from fabcraft.body.scan_pieces import assembled
 from fabcraft.body.scan_places import joints_of, landmarks_on, regions_on, size_of
-from fabcraft.body.scan_turn import file_frame, rotations_of, turn_note
+from fabcraft.body.scan_turn import file_frame, require_axes, rotations_of, turn_note
 from fabcraft.body.scan_units import every_unit, file_mm, guesses, unit_note, words_of
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
@@ -72,6 +72,7 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
     path = Path(path)
     if settings.kind not in ASKED:
         raise InputError(f"--body-kind '{settings.kind}' was asked", f"Choose one of: {', '.join(ASKED)}.")
+    require_axes(settings.up, settings.front)
     model = human_model()
     marks = _marks(path, settings, model)
     raw, notes = welded(read_mesh(path, settings.units or None))

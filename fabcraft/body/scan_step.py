@@ -103,7 +103,7 @@ class State:
 
 def at_rest(part: PartModel, start: Similarity, origin: Float64[np.ndarray, " L"]) -> State:
     """The likely person who is as large as the one of `origin` at the scale of `start`, in the model's pose."""
-    used = part.samples
+    used = part.few
     basis = part.basis[:, used]
     flat = (basis - basis.mean(1, keepdims=True)).reshape(len(basis), -1)
     scaled = start.scale * (part.mean[used] + np.tensordot(origin, basis, 1))
@@ -188,15 +188,16 @@ def _readings(
     """(matrix, right side) of the distances, a mean over the pairs."""
     model, scan, weight = _pairs(moved, normals, surface, reach)
     facing = surface.cloud.normals[scan]
-    left = moved[model] - surface.cloud.points[scan]
-    columns = columns[:, model]
-    along = np.einsum("kni,ni->kn", columns, facing)
-    root = np.sqrt(weight)
-    side = np.sqrt(_SLIDING) * root[:, None]
-    rows = np.concatenate([along * root, (columns * side).reshape(len(columns), -1)], axis=1)
-    wanted = np.concatenate([-np.einsum("ni,ni->n", left, facing) * root, (-left * side).ravel()])
+    left = surface.cloud.points[scan] - moved[model]
+    each = weight[:, None, None] * (facing[:, :, None] * facing[:, None, :] + _SLIDING * np.eye(3))
+    # the pairs of a vertex together are one 3 x 3 matrix, which keeps the large product small
+    held, pull = np.zeros((len(moved), 3, 3)), np.zeros((len(moved), 3))
+    np.add.at(held, model, each)
+    np.add.at(pull, model, np.einsum("nij,nj->ni", each, left))
     total = max(float(weight.sum()), 1e-9)
-    return rows @ rows.T / total, rows @ wanted / total
+    flat = columns.reshape(len(columns), -1)
+    weighted = np.einsum("dni,nij->dnj", columns, held).reshape(len(columns), -1)
+    return weighted @ flat.T / total, flat @ pull.ravel() / total
 
 
 def _pairs(
