@@ -14,7 +14,7 @@ from fabcraft.body.body import rim_loops
 from fabcraft.body.scan_search import Cloud
 from fabcraft.geometry.align import spread_points
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.edges import graph_laplacian, split_edges
+from fabcraft.geometry.edges import Length, graph_laplacian, split_edges
 from fabcraft.geometry.sampling import area_samples
 from fabcraft.mesh import Mesh
 
@@ -110,8 +110,12 @@ def refined(mesh: Mesh, places: Float64[np.ndarray, "P 3"], fine_mm: float, coar
     while np.maximum(counts / factor**2, 1.0).sum() > _MOST_REFINED and factor < 10.0:
         factor *= 1.1
     while factor < 10.0:  # the estimate is a little low, so it is tried
-        finer = split_edges(mesh, lambda middles, factor=factor: factor * longest(middles))
+        finer = split_edges(mesh, _times(longest, factor))
         if len(finer.faces) <= _MOST_REFINED:
             return finer
         factor *= 1.1
     return mesh
+
+
+def _times(length: Length, factor: float) -> Length:
+    return lambda middles: factor * length(middles)
