@@ -23,7 +23,7 @@ from fabcraft.body.scan_marks import has_enough, read_marks, require_enough
 from fabcraft.body.scan_part import ASKED, Kind, PartModel, adult, part_model
 from fabcraft.body.scan_pieces import assembled
 from fabcraft.body.scan_places import joints_of, landmarks_on, regions_on, size_of
-from fabcraft.body.scan_turn import file_frame, rotations_of, turn_note
+from fabcraft.body.scan_turn import file_frame, require_axes, rotations_of, turn_note
 from fabcraft.body.scan_units import every_unit, file_mm, guesses, unit_note, words_of
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
@@ -72,6 +72,7 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
     path = Path(path)
     if settings.kind not in ASKED:
         raise InputError(f"--body-kind '{settings.kind}' was asked", f"Choose one of: {', '.join(ASKED)}.")
+    require_axes(settings.up, settings.front)
     model = human_model()
     marks = _marks(path, settings, model)
     raw, notes = welded(read_mesh(path, settings.units or None))
@@ -81,6 +82,7 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
     options = every_unit(path, settings.units, kinds) if marks else guesses(size, path, settings.units, kinds)
     thin = thinned(raw)
     surface, repairs = orderly(thin)
+    _require_near(surface, marks)
     parts = {kind: part_model(model, kind) for kind in dict.fromkeys(guess.kind for guess in options)}
     frames = {kind: _frame(part, model) for kind, part in parts.items()}
     turns = {kind: rotations_of(frame, settings.up, settings.front, path) for kind, frame in frames.items()}
@@ -98,7 +100,7 @@ def scan(path: Path | str, settings: ScanSettings = _NO_SETTINGS) -> Body:
         _shown(found),
     )
     if not found.person and not marks:
-        raise NotFoundError(*_nobody(path, found), _as_found(surface, found, said))
+        raise NotFoundError(*_nobody(path, found, settings), _as_found(surface, found, said))
     return _body(surface, found, marks, said)
 
 
@@ -185,13 +187,23 @@ def _shown(found: Found) -> str:
     return said
 
 
-def _nobody(path: Path, found: Found) -> tuple[str, str]:
+def _nobody(path: Path, found: Found, settings: ScanSettings) -> tuple[str, str]:
     """(what was found, what to do)."""
+    told = {
+        "kind": settings.kind if settings.kind != "auto" else "",
+        "up": settings.up,
+        "front": settings.front,
+    }
+    flags = [f"--body-{name} {value}" for name, value in told.items() if value]
+    more = (
+        f"leave out {' and '.join(flags)}, unless sure of it, so that it is found"
+        if flags
+        else "say more with --body-kind, --body-up and --body-front"
+    )
     return (
         f"nobody was found in {path.name}: the best guess is {words_of(found.guess.kind)}, of which only "
         f"{found.main.matched:.0%} lies on the scan",
-        "Crop it to a head, a hand, a foot or a body; say more with --body-kind, --body-up and --body-front; or name "
-        "its landmarks in a file (--body-landmarks).",
+        f"Crop it to a head, a hand, a foot or a body; {more}; or name its landmarks in a file (--body-landmarks).",
     )
 
 
@@ -205,21 +217,27 @@ def _finer(mesh: Mesh, fits: Sequence[PartFit]) -> Mesh:
     return mesh
 
 
+def _require_near(mesh: Mesh, given: Mapping[str, np.ndarray]) -> None:
+    """Raises `InputError` for a given landmark that is far from the skin."""
+    limit = float(mesh.size_mm.max())
+    points = {name: point for name, point in given.items() if not name.startswith("eye_")}
+    if not points:
+        return
+    away = SurfaceDistance(mesh).closest(np.stack(list(points.values()))).distances / limit
+    name, share = max(zip(points, away.tolist(), strict=True), key=lambda pair: pair[1])
+    if share > _OFF_SURFACE:
+        raise InputError(
+            f"the landmark {name} lies {share:.0%} of the scan's size away from its surface",
+            "Landmarks are in the scan's own unit and frame, as its program shows them.",
+        )
+
+
 def _on_surface(mesh: Mesh, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Given landmarks put onto the skin; `InputError` for one that is far from it."""
+    """Given landmarks put onto the skin; the eye centres stay."""
     if not given:
         return {}
-    near = SurfaceDistance(mesh).closest(np.stack(list(given.values())))
-    limit = _OFF_SURFACE * float(mesh.size_mm.max())
-    placed = {}
-    for index, (name, point) in enumerate(given.items()):
-        if name.startswith("eye_"):
-            placed[name] = point
-            continue
-        if near.distances[index] > limit:
-            raise InputError(
-                f"the landmark {name} lies {near.distances[index]:.0f} mm from the scan's surface",
-                "Landmarks are in the scan's own unit and frame, as its program shows them.",
-            )
-        placed[name] = near.points[index]
-    return placed
+    near = SurfaceDistance(mesh).closest(np.stack(list(given.values()))).points
+    return {
+        name: point if name.startswith("eye_") else near[index]
+        for index, (name, point) in enumerate(given.items())
+    }

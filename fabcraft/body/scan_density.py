@@ -14,7 +14,7 @@ from fabcraft.body.body import rim_loops
 from fabcraft.body.scan_search import Cloud
 from fabcraft.geometry.align import spread_points
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.edges import graph_laplacian, split_edges
+from fabcraft.geometry.edges import Length, graph_laplacian, split_edges
 from fabcraft.geometry.sampling import area_samples
 from fabcraft.mesh import Mesh
 
@@ -23,7 +23,7 @@ MAX_FACES = 45_000
 _QUICKLY = 2.5
 """Above this many times the wanted triangles the quick method is used."""
 _MOST_REFINED = 50_000
-"""Refining stops at about this many triangles."""
+"""Refining ends with at most this many triangles."""
 _PROBES = 20_000
 _POINTS = 40_000
 """A mesh with fewer vertices is seen by this many points."""
@@ -109,4 +109,13 @@ def refined(mesh: Mesh, places: Float64[np.ndarray, "P 3"], fine_mm: float, coar
     factor = 1.0
     while np.maximum(counts / factor**2, 1.0).sum() > _MOST_REFINED and factor < 10.0:
         factor *= 1.1
-    return split_edges(mesh, lambda middles: factor * longest(middles)) if factor < 10.0 else mesh
+    while factor < 10.0:  # the estimate is a little low, so it is tried
+        finer = split_edges(mesh, _times(longest, factor))
+        if len(finer.faces) <= _MOST_REFINED:
+            return finer
+        factor *= 1.1
+    return mesh
+
+
+def _times(length: Length, factor: float) -> Length:
+    return lambda middles: factor * length(middles)

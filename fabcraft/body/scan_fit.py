@@ -21,6 +21,8 @@ MATCHED = 0.016
 """A point of the part is matched when the scan is nearer than this share of the part's size (4 mm on a hand)."""
 _LOOK = 0.25
 """A bent finger's tip is farther off than most of a hand, which is why the part looks this far at first."""
+_ROUGHLY = 0.7
+"""Share of the steps that look at few points of the part and of the scan."""
 _STIFFNESS = (30.0, 8.0, 2.0)
 """Weight of the smooth field's differences along edges against the distances, from round to round."""
 
@@ -59,7 +61,10 @@ def fitted(
         # first the place alone, then an obstinate person, then the most probable one
         stiff = 1e6 if step < 2 else 10.0 if step < 5 else 1.0
         reach = look * surface.size * max(0.0, 1.0 - step / (0.8 * rounds)) ** 2
-        state = stepped(part, surface, state, marks, stiff, reach)
+        if step < _ROUGHLY * rounds:
+            state = stepped(part, part.few, surface.rough, state, marks, stiff, reach)
+        else:
+            state = stepped(part, part.samples, surface, state, marks, stiff, reach)
     return judged(part, state, surface)
 
 

@@ -31,7 +31,7 @@ ASKED: Mapping[str, tuple[Kind, ...]] = {
 } | {kind: (kind,) for kind in KINDS}
 """What `--body-kind` may say, and which parts it means."""
 
-_SAMPLES = 3000
+_SAMPLES, _FEW = 3000, 1000
 _LEAST_MM = 0.05
 """Combinations of coefficients that move a part by less (rms) are left out."""
 _NECK_MM, _LEG_MM = 130.0, 110.0
@@ -61,6 +61,8 @@ class PartModel:
     """The vertices by which a fit is judged: face, hand, foot, or everything."""
     samples: Int64[np.ndarray, " S"]
     """Vertices, evenly spread, that stand for the skin."""
+    few: Int64[np.ndarray, " R"]
+    """Fewer of them."""
     zone_samples: Int64[np.ndarray, " T"]
     """The same for the zone."""
 
@@ -101,13 +103,13 @@ class PartModel:
         side, along = self.kind.removeprefix("hand"), self.axis(points)[0]
         at = dict(zip(self.joint_names, points[self.skin :], strict=True))
         across = at[f"finger2_1{side}"] - at[f"finger5_1{side}"]
-        back = np.cross(along, across) if side == "_left" else np.cross(across, along)
+        back = np.cross(across, along) if side == "_left" else np.cross(along, across)
         return back / np.linalg.norm(back), along
 
 
-def adult(model: HumanModel) -> Float64[np.ndarray, " K"]:
+def adult(model: HumanModel) -> Float32[np.ndarray, " K"]:
     """The coefficients of an adult between man and woman."""
-    return ((model.presets["man"] + model.presets["woman"]) / 2).astype(np.float64)
+    return (model.presets["man"] + model.presets["woman"]) / 2
 
 
 def part_model(model: HumanModel, kind: Kind) -> PartModel:
@@ -157,6 +159,7 @@ def part_model(model: HumanModel, kind: Kind) -> PartModel:
         },
         np.arange(skin),
         spread_points(mean[:skin], _SAMPLES),
+        spread_points(mean[:skin], _FEW),
         np.arange(skin),
     )
     zone = _zone(part, arranged(points))

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 import manifold3d
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from fabcraft.body.body import fan_closed
 from fabcraft.body.scan_clean import largest, orderly, pieces
@@ -25,6 +27,8 @@ _NEARLY = 0.1
 """A piece is closed when at most this share of its triangles' sides is open."""
 _CLOSED_AREA = 0.75
 """Closed pieces with this share of the area together make a figure, not a scan with crumbs."""
+_WIDE = 0.15
+"""Share of a piece's size above which an opening is where a scan ends."""
 _CELLS = 180
 """Grid cells along the largest side."""
 _GAP = 0.01
@@ -43,10 +47,13 @@ def assembled(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
     if count == 1:
         return mesh, ()
     areas = np.bincount(label, mesh.face_areas, count)
+    main = int(areas.argmax())
+    if areas[main] > _CLOSED_AREA * areas.sum() and _ends(mesh.submesh(label == main)):
+        return mesh.submesh(label == main), (f"Loose pieces beside the scan were left out: {count - 1}.",)
     edges, uses = edge_uses(mesh.faces)
     sides = np.bincount(label, minlength=count) * 3
     closed = np.bincount(label, (uses[edges] == 1).sum(1), count) <= _NEARLY * sides
-    if closed[areas.argmax()] or areas[closed].sum() > _CLOSED_AREA * areas.sum():
+    if closed[main] or areas[closed].sum() > _CLOSED_AREA * areas.sum():
         if closed.sum() > _MAX_PIECES:
             raise InputError(
                 f"{mesh.name} has {closed.sum():,} closed pieces, at most {_MAX_PIECES:,} are united",
@@ -56,6 +63,21 @@ def assembled(mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
     if (areas > _LARGE * areas.sum()).sum() > 1:
         return _united(mesh, label, np.flatnonzero(areas > _LARGE * areas.sum()), closed)
     return mesh.submesh(largest(mesh)), (f"Loose pieces beside the scan were left out: {count - 1}.",)
+
+
+def _ends(piece: Mesh) -> bool:
+    """Whether it has an opening as wide as those that a scan ends in."""
+    edges, uses = edge_uses(piece.faces)
+    face, corner = np.nonzero(uses[edges] == 1)
+    sides = np.stack([piece.faces[face, corner], piece.faces[face, (corner + 1) % 3]])
+    if not len(face):
+        return False
+    graph = coo_matrix((np.ones(len(face)), sides), shape=(len(piece.vertices),) * 2)
+    count, label = connected_components(graph, directed=False)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, label[sides[0]], piece.vertices[sides[0]])
+    np.maximum.at(high, label[sides[0]], piece.vertices[sides[0]])
+    return bool((high - low).max() > _WIDE * piece.size_mm.max())
 
 
 def _united(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
 from fabcraft.body.hand import FINGERS
@@ -21,7 +21,7 @@ Turns = Float64[np.ndarray, "B 3 3"]
 """The rotation of every bone against the model's own pose."""
 
 _SD_DEG = {
-    "head": 12.0, "shoulder": 25.0, "elbow": 20.0, "wrist": 15.0, "finger": 15.0,
+    "head": 12.0, "shoulder": 25.0, "elbow": 20.0, "wrist": 20.0, "finger": 34.0,
     "hip": 10.0, "knee": 8.0, "ankle": 12.0, "toes": 10.0,
 }  # fmt: skip
 """Standard deviation of the angle of each kind of joint between scans."""
@@ -83,7 +83,7 @@ def angles(turns: Turns) -> Float64[np.ndarray, "B 3"]:
     return Rotation.from_matrix(turns).as_rotvec().reshape(-1, 3) if len(turns) else np.zeros((0, 3))
 
 
-def with_hips(points: Float64[np.ndarray, "... P 3"], names: Sequence[str]) -> Float64[np.ndarray, "... Q 3"]:
+def with_hips(points: Float[np.ndarray, "... P 3"], names: Sequence[str]) -> Float[np.ndarray, "... Q 3"]:
     """The model's points, or their movements, with the two hip joints after them."""
     first = points.shape[-2] - len(names)
     pelvis = points[..., first + names.index("pelvis"), :]

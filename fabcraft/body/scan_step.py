@@ -8,6 +8,7 @@ ones: the most probable person.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -21,8 +22,11 @@ from fabcraft.geometry.align import Similarity, fit_similarity, spread_points
 
 _BACK = 1200
 """Points of the scan that seek their partner on the part."""
+_ROUGH_POINTS = 5000
 _NORMAL_SHARE = 0.05
 """Distance, as a share of the part's size, that a right angle between normals counts as, about."""
+_NEAR = 0.025
+"""Share of the part's size up to which a partner always counts: bent fingers are few beside a palm that fits."""
 _SLIDING = 0.08
 """Weight of the point distance beside the distance to the plane."""
 _READING, _READINGS = 0.006, 100.0
@@ -51,8 +55,16 @@ class Surface:
 
     @staticmethod
     def of(cloud: Cloud, rim: Bool[np.ndarray, " N"], size: float) -> "Surface":
+        """The surface for a part whose zone is `size` mm large."""
         tree = cKDTree(np.hstack([cloud.points, _NORMAL_SHARE * size * cloud.normals]))
         return Surface(cloud, rim, size, tree, spread_points(cloud.points, _BACK))
+
+    @cached_property
+    def rough(self) -> "Surface":
+        """The same in few points, for the steps that find the way."""
+        chosen = spread_points(self.cloud.points, _ROUGH_POINTS)
+        cloud = Cloud(self.cloud.points[chosen], self.cloud.normals[chosen])
+        return Surface.of(cloud, self.rim[chosen], self.size)
 
     def nearest(
         self, points: Float64[np.ndarray, "M 3"], normals: Float64[np.ndarray, "M 3"]
@@ -91,7 +103,7 @@ class State:
 
 def at_rest(part: PartModel, start: Similarity, origin: Float64[np.ndarray, " L"]) -> State:
     """The likely person who is as large as the one of `origin` at the scale of `start`, in the model's pose."""
-    used = part.samples
+    used = part.few
     basis = part.basis[:, used]
     flat = (basis - basis.mean(1, keepdims=True)).reshape(len(basis), -1)
     scaled = start.scale * (part.mean[used] + np.tensordot(origin, basis, 1))
@@ -105,14 +117,21 @@ def at_rest(part: PartModel, start: Similarity, origin: Float64[np.ndarray, " L"
 
 
 def stepped(
-    part: PartModel, surface: Surface, state: State, marks: Marks | None, stiff: float, reach: float
+    part: PartModel,
+    used: Int64[np.ndarray, " S"],
+    surface: Surface,
+    state: State,
+    marks: Marks | None,
+    stiff: float,
+    reach: float,
 ) -> State:
     """The state after one step; above 1, `stiff` holds the person where they are.
 
-    reach : distance up to which the part looks for the scan, mm, even where most of it is nearer.
+    used : the part's vertices that seek the scan.  reach : distance up to which they look for it, mm, even where most
+    of them are nearer.
     """
     points, spins = posed(part.points(state.coefficients), part.bones, state.turns)
-    used, place = part.samples, state.place
+    place = state.place
     normals = part.mesh(points).vertex_normals[used] @ place.rotation.T
     moved = place.points(points)
     middle = moved[used].mean(0)
@@ -169,15 +188,16 @@ def _readings(
     """(matrix, right side) of the distances, a mean over the pairs."""
     model, scan, weight = _pairs(moved, normals, surface, reach)
     facing = surface.cloud.normals[scan]
-    left = moved[model] - surface.cloud.points[scan]
-    columns = columns[:, model]
-    along = np.einsum("kni,ni->kn", columns, facing)
-    root = np.sqrt(weight)
-    side = np.sqrt(_SLIDING) * root[:, None]
-    rows = np.concatenate([along * root, (columns * side).reshape(len(columns), -1)], axis=1)
-    wanted = np.concatenate([-np.einsum("ni,ni->n", left, facing) * root, (-left * side).ravel()])
+    left = surface.cloud.points[scan] - moved[model]
+    each = weight[:, None, None] * (facing[:, :, None] * facing[:, None, :] + _SLIDING * np.eye(3))
+    # the pairs of a vertex together are one 3 x 3 matrix, which keeps the large product small
+    held, pull = np.zeros((len(moved), 3, 3)), np.zeros((len(moved), 3))
+    np.add.at(held, model, each)
+    np.add.at(pull, model, np.einsum("nij,nj->ni", each, left))
     total = max(float(weight.sum()), 1e-9)
-    return rows @ rows.T / total, rows @ wanted / total
+    flat = columns.reshape(len(columns), -1)
+    weighted = np.einsum("dni,nij->dnj", columns, held).reshape(len(columns), -1)
+    return weighted @ flat.T / total, flat @ pull.ravel() / total
 
 
 def _pairs(
@@ -191,7 +211,7 @@ def _pairs(
     scan = np.concatenate([ahead, backward])
     away = np.linalg.norm(moved[model] - surface.cloud.points[scan], axis=1)
     alike = np.einsum("ij,ij->i", normals[model], surface.cloud.normals[scan])
-    near = max(2.5 * float(np.median(away[: len(moved)])), 0.15 * _NORMAL_SHARE * surface.size)
+    near = max(2.5 * float(np.median(away[: len(moved)])), _NEAR * surface.size)
     limit = np.full(len(away), near)  # the scan may show more than the part: only the part looks far
     limit[: len(moved)] = max(near, reach)
     weight = np.clip(1.0 - (away / limit) ** 2, 0.0, None) ** 2 * (alike > 0.3) * ~surface.rim[scan]

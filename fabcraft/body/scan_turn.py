@@ -28,17 +28,7 @@ def file_frame(path: Path) -> Float64[np.ndarray, "3 3"]:
 def rotations_of(
     frame: tuple[np.ndarray, np.ndarray], up: str, front: str, path: Path
 ) -> Float64[np.ndarray, "N 3 3"]:
-    """The rotations, part to scan, that are tried for a part whose up and front are `frame`.
-
-    Raises `InputError` for an axis that is none, or two along one line.
-    """
-    for flag, axis in (("up", up), ("front", front)):
-        if axis and axis not in AXES:
-            raise InputError(f"--body-{flag} '{axis}' is not an axis", f"Axes: {', '.join(AXES)}.")
-    if up and front and up[-1] == front[-1]:
-        raise InputError(
-            f"--body-up {up} and --body-front {front} lie along one line", "Give two axes that are square."
-        )
+    """The rotations, part to scan, that are tried for a part whose up and front are `frame`."""
     rotations = even_rotations() if not (up or front) else even_rotations(_DENSE)
     to_scan = file_frame(path)
     for axis, own in ((up, frame[0]), (front, frame[1])):
@@ -46,6 +36,17 @@ def rotations_of(
             cosine = rotations @ own @ (to_scan @ np.array(AXES[axis], dtype=np.float64))
             rotations = rotations[cosine > np.cos(np.radians(_WITHIN_DEG))]
     return rotations
+
+
+def require_axes(up: str, front: str) -> None:
+    """Raises `InputError` for an axis that is none, or two along one line."""
+    for flag, axis in (("up", up), ("front", front)):
+        if axis and axis not in AXES:
+            raise InputError(f"--body-{flag} '{axis}' is not an axis", f"Axes: {', '.join(AXES)}.")
+    if up and front and up[-1] == front[-1]:
+        raise InputError(
+            f"--body-up {up} and --body-front {front} lie along one line", "Give two axes that are square."
+        )
 
 
 def turn_note(

@@ -1,6 +1,6 @@
 """In which unit a scan is: its own, the one that was said, or the one that makes it as large as people are."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,12 +17,12 @@ _SIZE_MM: dict[str, tuple[float, float]] = {
 """Largest side of a scan that is looked at: a child's face to a bust with shoulders; a toddler's hand to an arm below
 the elbow with its hand; a toddler's foot to a leg below the knee; a toddler to a tall person, arms spread."""
 _USUAL_MM: dict[str, tuple[float, float]] = {
-    "head": (180.0, 400.0),
+    "head": (180.0, 520.0),
     "hand": (140.0, 480.0),
     "foot": (150.0, 450.0),
     "body": (800.0, 2100.0),
 }
-"""The same for most scans; a unit that puts a scan here is asked first."""
+"""The same for most scans; a unit that puts a scan here for one kind is asked first, and then for all kinds."""
 WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "in": "inches"}
 NAMES = {"head": "head", "hand": "hand with its forearm", "foot": "foot", "body": "whole body"}
 
@@ -72,17 +72,18 @@ def guesses(size_mm: float, path: Path, units: str, kinds: Sequence[Kind]) -> li
     """
     factors = _factors(path, units)
 
+    def fits(kind: Kind, unit: str, ranges: Mapping[str, tuple[float, float]]) -> bool:
+        low, high = ranges[kind.partition("_")[0]]
+        return low <= size_mm * factors[unit] <= high
+
     def suiting(units: Sequence[str]) -> list[Guess]:
-        for ranges in (_USUAL_MM, _SIZE_MM):
-            found = [
-                Guess(kind, unit, factors[unit])
-                for unit in units
-                for kind in kinds
-                if _within(size_mm * factors[unit], ranges[kind.partition("_")[0]])
-            ]
-            if found:
-                return found
-        return []
+        usual = [unit for unit in units if any(fits(kind, unit, _USUAL_MM) for kind in kinds)]
+        return [
+            Guess(kind, unit, factors[unit])
+            for unit in usual or units
+            for kind in kinds
+            if fits(kind, unit, _SIZE_MM)
+        ]
 
     own, *others = factors
     if found := suiting([own] if units else [own, *others]):
@@ -113,7 +114,3 @@ def unit_note(path: Path, unit: str, size_mm: float, units: str) -> str:
     if suffix in (".3mf", ".glb", ".gltf"):
         return f"The unit of {path.name} suits nobody; it was taken as {WORDS[unit]}, {size}."
     return f"{path.name} names no unit; it was taken as {WORDS[unit]}, {size}."
-
-
-def _within(value: float, limits: tuple[float, float]) -> bool:
-    return limits[0] <= value <= limits[1]
