@@ -1,32 +1,44 @@
-"""A drawn object as an even plate: the fitted sheet's wall in front, its outline carried back behind it.
+"""A drawn object as an even plate: the fitted sheet is its front, its outline goes straight back behind it.
 
-Openings go through what carries it too. What has to stay free for the body is taken out, with the body's clearance.
+The plate is one distance field in picture space: within the outline, behind the front, before the back, edges rounded;
+the body with its clearance, and what else must stay free, is taken out of the field before the surface is drawn.
 """
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import manifold3d
 import numpy as np
 from jaxtyping import Float64
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
 
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.heights import front_heights
+from fabcraft.geometry.implicit import sheet as zero_surface
+from fabcraft.geometry.implicit import smooth_common
+from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.raster import silhouette_mask
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
 from fabcraft.solid.manifolds import to_manifold, to_mesh, without_specks
-from fabcraft.solid.sheet import SheetSide, smooth_normals
 from fabcraft.solid.simplify import simplify_manifold
-from fabcraft.solid.thicken import SolidResult, SolidSettings, solidify
+from fabcraft.solid.thicken import SolidResult
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import Template
 
-CELL = 0.8
-_ROUND_MM = 0.5
-"""Radius of the edges at the back."""
-_STEPS = 5
-_SPECK_MM3 = 0.5
+CELL = 0.9
+"""Of the field's grid, picture units."""
+_PIXEL = 0.5
+_STEP = 0.05
+_ROUND_MM, _ROUND_SHARE = 0.5, 0.4
+"""Radius of the edges: in mm, and at most this share of the plate's thickness."""
 _BEYOND = 0.5
-"""How far openings are cut beyond the plate on either side, over its thickness."""
+"""How far lenses are cut beyond the plate on either side, over its thickness."""
 _LONG = 3.0
 """Longest edges of what is rolled, picture units."""
+_SPECK_MM3 = 0.5
 
 
 def slab(
@@ -44,73 +56,94 @@ def slab(
     sheet : the fitted front, picture units.  body : of the wearer, mm.  Raises `SolidError` when no closed manifold
     comes out.
     """
-    matrix, faces = loop_matrix(sheet.faces, len(sheet.vertices))
-    fine = Mesh(matrix @ sheet.vertices, faces, plate.name)
-
-    def outer(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
-        return relief.detail_at(points[:, [0, 2]])
-
-    front = solidify(
-        fine,
-        SolidSettings(wall_mm=plate.wall_mm, cell_mm=CELL, simplify_mm=max(0.02, space.scale * simplify_mm)),
-        None,
-        SheetSide(outer),
-    )
     depth = max(space.scale * space.frame.depth_mm, plate.wall_mm)
-    alone = (
-        to_manifold(front.mesh) + _filled(fine, depth) + _behind(relief, space, 0.5 * plate.wall_mm, depth)
-    )
-    grown = body.mesh.with_vertices(body.mesh.vertices + clearance_mm * smooth_normals(body.mesh))
-    part = _placed(alone, space) - to_manifold(grown)
+    shape = _Shape.of(sheet, plate, relief, depth, min(_ROUND_MM * space.scale, _ROUND_SHARE * depth))
+    keep = [(SurfaceDistance(space.seen(body.mesh)), space.scale * clearance_mm)]
     if space.frame.free is not None:
-        part = part - to_manifold(space.frame.free)
-    whole = to_manifold(carrier) + part
-    if len(relief.openings) > 1:  # lenses; a single one is the carrier's own bore
+        keep.append((SurfaceDistance(space.seen(space.frame.free)), 0.0))
+
+    def field(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
+        value = shape(points)
+        near = np.flatnonzero(value < 2.0 * CELL)
+        for surface, clearance in keep:
+            value[near] = np.maximum(value[near], clearance - surface.signed(points[near]))
+        return value
+
+    made = zero_surface(field, shape.bounds(4.0 * CELL), CELL, name=plate.name)
+    alone, _ = without_specks(to_manifold(made), _SPECK_MM3 * space.scale**3)
+    small, _ = simplify_manifold(alone, 0.02 * CELL, plate.name)
+    whole = to_manifold(carrier) + to_manifold(small.with_vertices(space.outside(small.vertices)))
+    if len(relief.openings) > 1:  # lenses; a single opening is the carrier's own bore
         for opening in relief.openings:
-            cut = _prism(manifold3d.CrossSection([opening]), -_BEYOND * depth, (1.0 + _BEYOND) * depth)
-            whole = whole - _placed(cut, space)
-    whole, _ = without_specks(whole, _SPECK_MM3)
+            whole = whole - _through(opening, depth, space)
+    whole, specks = without_specks(whole, _SPECK_MM3)
     mesh, tolerance = simplify_manifold(whole, simplify_mm, carrier.name)
-    numbers = {**front.numbers, "simplify_mm": tolerance, "volume_mm3": mesh.volume_mm3}
-    return SolidResult(mesh, front.notes, numbers), to_mesh(alone, plate.name)
+    notes = (f"{specks} bodies or voids below {_SPECK_MM3:g} mm³ dropped",) if specks else ()
+    return SolidResult(mesh, notes, {"simplify_mm": tolerance, "volume_mm3": mesh.volume_mm3}), small
 
 
-def _filled(sheet: Mesh, depth: float) -> manifold3d.Manifold:
-    """What is between the sheet, where it swells out, and an even back."""
-    count = len(sheet.vertices)
-    edges = sheet.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
-    code, twin = edges @ [count, 1], edges[:, ::-1] @ [count, 1]
-    a, b = edges[~np.isin(code, twin)].T
-    sides = np.concatenate([np.column_stack([a, a + count, b]), np.column_stack([b, a + count, b + count])])
-    back = sheet.vertices.copy()
-    back[:, 1] = 0.9 * depth
-    faces = np.concatenate([sheet.faces, sheet.faces[:, ::-1] + count, sides]).astype(np.int32)
-    return to_manifold(Mesh(np.concatenate([sheet.vertices, back]), faces, "filling"))
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """The plate without what must stay free, a field in picture units."""
+
+    plane: Plane
+    outside: Float64[np.ndarray, "H W"]
+    """Signed distance to the drawn outline and openings, positive outside."""
+    front: Float64[np.ndarray, "H W"]
+    """Height of the front, going on beyond the outline."""
+    detail: Callable[[Float64[np.ndarray, "N 2"]], Float64[np.ndarray, " N"]]
+    depth: float
+    radius: float
+
+    @staticmethod
+    def of(sheet: Mesh, plate: Template, relief: Relief, depth: float, radius: float) -> "_Shape":
+        """From the fitted sheet, which is the middle of a wall: its rim is half a wall within the outline."""
+        matrix, faces = loop_matrix(sheet.faces, len(sheet.vertices))
+        fine = Mesh(matrix @ sheet.vertices, faces, plate.name)
+        flat = fine.vertices[:, [0, 2]]
+        half = 0.5 * plate.wall_mm
+        plane = Plane.around(flat, _PIXEL, half + 8.0 * CELL)
+        inside = silhouette_mask(plane.to_pixels(flat), faces, plane.width, plane.height) >= 0.5
+        centres = np.stack(plane.centres(), -1).reshape(-1, 2)
+        away = cKDTree(_rim_points(flat, faces)).query(centres)[0].reshape(inside.shape)
+        heights = front_heights(fine, plane)
+        known = np.isfinite(heights)
+        nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+        front = heights[tuple(nearest)] + half
+        return _Shape(plane, np.where(inside, -away, away) - half, front, relief.detail_at, depth, radius)
+
+    def __call__(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
+        """Negative inside."""
+        flat = points[:, [0, 2]]
+        beside = self.plane.sample(self.outside, flat)
+        before = -points[:, 1] - self.plane.sample(self.front, flat) - self.detail(flat)
+        behind = points[:, 1] - self.depth
+        return smooth_common(np.maximum(before, behind), beside, 2.0 * self.radius)
+
+    def bounds(self, margin: float) -> Float64[np.ndarray, "2 3"]:
+        """A box around the plate."""
+        x, z = self.plane.centres()
+        within = self.outside < 0.0
+        top = float(self.front[within].max()) + 6.0
+        lower = np.array([x[within].min(), -top, z[within].min()]) - margin
+        return np.stack([lower, np.array([x[within].max(), self.depth, z[within].max()]) + margin])
 
 
-def _behind(relief: Relief, space: PictureSpace, start: float, depth: float) -> manifold3d.Manifold:
-    """The drawn shape from `start` back to `depth`, its edges there rounded."""
-    shape = manifold3d.CrossSection([relief.outline, *relief.openings], manifold3d.FillRule.EvenOdd)
-    radius = min(_ROUND_MM * space.scale, 0.4 * (depth - start))
-    solids = []
-    for turn in np.linspace(0.0, 0.5 * np.pi, _STEPS):
-        inset, back = radius * (1.0 - np.sin(turn)), depth - radius * (1.0 - np.cos(turn))
-        smaller = (
-            shape.offset(-inset, manifold3d.JoinType.Round, circular_segments=48) if inset > 1e-9 else shape
-        )
-        if not smaller.is_empty():
-            solids.append(_prism(smaller, start, back))
-    return manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
+def _rim_points(flat: Float64[np.ndarray, "V 2"], faces: np.ndarray) -> Float64[np.ndarray, "N 2"]:
+    """Points all along the borders of a sheet."""
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    code, twin = edges @ [len(flat), 1], edges[:, ::-1] @ [len(flat), 1]
+    a, b = flat[edges[~np.isin(code, twin)]].transpose(1, 0, 2)
+    share = np.linspace(0.0, 1.0, max(2, int(np.linalg.norm(b - a, axis=1).max() / _STEP)), endpoint=False)
+    return (a[:, None] + share[None, :, None] * (b - a)[:, None]).reshape(-1, 2)
 
 
-def _prism(shape: manifold3d.CrossSection, start: float, end: float) -> manifold3d.Manifold:
-    """A shape (x, z) of the picture, from y = start to y = end."""
+def _through(opening: Float64[np.ndarray, "N 2"], depth: float, space: PictureSpace) -> manifold3d.Manifold:
+    """The prism of an opening, from before the plate to behind it, mm."""
+    start, end = -_BEYOND * depth, (1.0 + _BEYOND) * depth
     upright = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, end], [0.0, 1.0, 0.0, 0.0]])
-    return shape.extrude(end - start).transform(upright)
-
-
-def _placed(solid: manifold3d.Manifold, space: PictureSpace) -> manifold3d.Manifold:
-    """A solid of the picture in the body's space, mm."""
+    prism = manifold3d.CrossSection([opening]).extrude(end - start).transform(upright)
     if space.frame.axis is not None:
-        solid = solid.refine_to_length(_LONG)
-    return solid.warp_batch(lambda points: space.outside(np.asarray(points, dtype=np.float64)))
+        prism = prism.refine_to_length(_LONG)
+    mesh = to_mesh(prism, "opening")
+    return to_manifold(mesh.with_vertices(space.outside(mesh.vertices)))
