@@ -33,6 +33,8 @@ BAND_MM, OVER_GLABELLA_MM, TILT_DEG = 36.0, 28.0, 8.0
 BRIM_MM, SPREAD_DEG, OPEN_DEG = 62.0, 60.0, 60.0
 REST_DEG = 45.0
 """Half the arc over which the band rests on the forehead."""
+PAD_MM = 15.0
+"""Radius of the pads before the ears."""
 _MOST_OVER = 0.7
 """Of the head over the glabella that the band may take."""
 _BLUR_MM = 8.0
@@ -115,10 +117,12 @@ class _Visor:
         return self.middle_of(points) - 0.5 * self.wall
 
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """Distance inward from the inner side."""
-        within = self.lining.within(points)
-        padded = self.lining.padded(points, within, self.resting(points), self.wall)
-        return -self.bent(points, padded) - 0.5 * self.wall
+        """Distance inward from the inner side, where it does not rest."""
+        return -self.middle_of(points) - 0.5 * self.wall
+
+    def rest(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """The same where it rests."""
+        return -self.bent(points, -self.lining.rest(points)) - 0.5 * self.wall
 
     def beyond(self, points: Points) -> Float64[np.ndarray, " N"]:
         """How far points are past an edge; corners are round."""
@@ -164,7 +168,15 @@ def build(body: Body, settings: Settings) -> Template:
     visor = replace(visor, pads=tuple(pads.values()), fall=_fall(visor))
 
     edge = EDGE_MM * s
-    sides = Wall(visor.middle_of, visor.beyond, visor.outer, visor.inner)
+    sides = Wall(
+        visor.middle_of,
+        visor.beyond,
+        visor.outer,
+        visor.inner,
+        rest=visor.rest,
+        resting=visor.resting,
+        least_mm=wall,
+    )
     mesh, inside = walled(sides, bounds, edge, min(0.6 * edge, wall), mirrored=True, name=KIND.name)
     contacts = resting(part, pads) | _forehead(visor)
     return Template(
@@ -221,8 +233,8 @@ def _pads(visor: _Visor) -> dict[str, Pad]:
         near = int(
             (np.linalg.norm(vertices - middle, axis=1) + 1e3 * (np.abs(height) > 0.25 * visor.band)).argmin()
         )
-        if visor.lining.reaches(vertices[near], s):
-            pads[name] = Pad(vertices[near], normals[near], 15.0 * s)
+        if visor.lining.reaches(vertices[near], PAD_MM * s, s):
+            pads[name] = Pad(vertices[near], normals[near], PAD_MM * s)
     return pads
 
 
