@@ -35,9 +35,9 @@ _STEEPEST, _OVER_TOES = 0.26, 1.35
 """Height of the foot where an upper ends at the latest, over its length, and over the height of its toes."""
 _PAST_END = 0.012
 """How far behind its end the upper's inner side still has to clear the foot, over the length."""
-_CONVEX = 0.75
+_CONVEX = 0.9
 """Of the sole's outline between the print (0) and its hull (1)."""
-_SOFT = 0.025
+_SOFT = 0.035
 """Sigma, in lengths, of what evens the sides of the sole."""
 _BETWEEN_TOES = 0.16
 """Hollows narrower than this share of the length are bridged by the upper."""

@@ -1,6 +1,6 @@
 """The helmet: a shell over the convex upper head, with a rolled rim from the brows over the ears down to the nape.
 
-Numbers (mm, on a head 200 long): rim 25 above the glabella, 15 over the ears, 60 under the back of the head; room for
+Numbers (mm, on a head 200 long): rim 25 above the glabella, 15 over the ears, 50 under the back of the head; room for
 pads 6 (EN 960 headforms are the bare head; 6 mm is a convention), 3 as a show piece; wall 3; ears keep 5.  The rim turns
 out to a brim of 3, and to a peak of 10 more over the brows.  A character's helmet is domed where its head is flat or
 pointed.
@@ -24,6 +24,7 @@ from fabcraft.template.headwear import (
     head_of,
     least_facing_axis,
     lifted_off,
+    skin_of,
     wall_mm,
 )
 from fabcraft.template.lining import Lining, Pad, covered_bounds, pad_gap_mm, resting
@@ -31,7 +32,7 @@ from fabcraft.template.template import MotifFrame, Parameter, Template
 
 EDGE_MM, WALL_MM, BRIM_MM, PEAK_MM = 4.0, 3.0, 3.0, 10.0
 ROOM_MM = {"padded": 6.0, "show": 3.0}
-BROW_MM, OVER_EARS_MM, NAPE_MM = 25.0, 15.0, 60.0
+BROW_MM, OVER_EARS_MM, NAPE_MM = 25.0, 15.0, 50.0
 PADS_MM = {"crown": 28.0, "forehead": 15.0, "temple_left": 15.0, "temple_right": 15.0, "nape": 15.0}
 """Where it rests, and the radius of the pad there."""
 _BLUR_MM = 12.0
@@ -41,6 +42,8 @@ _BEAD = 0.3
 """How much thicker than the wall the rim is, as a share."""
 _PEAK = 0.62
 """Azimuth at which the peak has lost two fifths of its length."""
+_CALM_NAPE = 0.7
+"""How much less the brim stands out behind, as a share: the shell is away from the neck there as it is."""
 _FRONT_RADIUS_MM = 90.0
 """Of the shell at the face window, for its arc lengths."""
 _LEFT, _BACK, _UP = np.eye(3)
@@ -83,12 +86,13 @@ class _Shell:
 
     def within(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance outward from the inner side, which flares out to the brim near the rim."""
-        ahead = np.exp(-0.5 * (self.rim.head.azimuth(points) / _PEAK) ** 2)
-        brim = self.brim + self.peak * ahead
-        reach = 10.0 * self.rim.head.scale + 0.7 * brim
+        azimuth = self.rim.head.azimuth(points)
+        brim = self.brim * (1.0 - _CALM_NAPE * np.clip(azimuth / np.pi, 0.0, 1.0) ** 4)
+        brim = brim + self.peak * np.exp(-0.5 * (azimuth / _PEAK) ** 2)
+        reach = 14.0 * self.rim.head.scale + brim
         share = np.clip(1.0 - self.rim.above(points) / reach, 0.0, 1.2)
-        steep = 2.0 * brim / reach * share
-        return (self.lining.within(points) - brim * share**2) / np.sqrt(1.0 + steep**2)
+        steep = 3.0 * brim / reach * share**2
+        return (self.lining.within(points) - brim * share**3) / np.sqrt(1.0 + steep**2)
 
     def outer(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance outward from the outer side, which thickens to a bead at the edges."""
@@ -125,7 +129,7 @@ def build(body: Body, settings: Settings) -> Template:
     # from over the ears up no part of a face is in the way: the axis may lean to where brow and nape need it
     axis = _UP if windowed else least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right"))
     # the rounded rim reaches below its line
-    worn = part.mesh.vertices[rim.above(part.mesh.vertices) > -0.6 * (room + wall)]
+    worn = skin_of(part.mesh, rim.above(part.mesh.vertices) > -0.6 * (room + wall))
     sized = head.sized(worn, size)
     dome = _dome(rim, sized) if part.kind == "character" else sized[:0]
     bounds = covered_bounds(np.vstack([sized, dome]), axis, room + wall + brim + peak + 8.0 * s)

@@ -83,7 +83,7 @@ class Lining:
         shape = Convex.around(np.concatenate([covered, covered - down]), mirrored=True)
         distance = blurred(shape, bounds, blur_mm, _CELL * blur_mm, mirrored=True)
         depths = distance(sized)
-        level = float(depths.max()) + least_share * room
+        level = float(depths.max()) + max(least_share * room, gap)
         if least_share < 1.0:
             level = max(level, float(np.median(depths)) + room)
         return Lining(tight, distance, level, room, gap)
