@@ -32,7 +32,7 @@ _FLOOR_MM = 0.03
 """How far the footbed lies under the lowest point of the foot, so that rounding does not press it in."""
 _LEAN = 0.11
 """How much farther back the sides of the upper go, over the foot's length."""
-_FOXING_MM, _FOXING_HIGH_MM = 2.0, 9.0
+_FOXING_MM, _FOXING_HIGH_MM = 2.4, 16.0
 """How much thicker the side is at the sole, and up to where."""
 _CORNER_EDGE_MM = 1.5
 _TONGUE_MM, _BEAD = 7.0, 0.35
@@ -148,7 +148,7 @@ def build(body: Body, settings: Settings) -> Template:
     before, above = max(toe - room, 0.0), max(over - room, 0.0)
     # a wall that cannot be as thin as the foot is small asks for rounder corners
     rounded = max(s, 0.5 * wall / WALL_MM)
-    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * rounded)
+    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
     slipper = _slipper(part, foot, shape, rounded, room, wall, sole)
     edge = max(EDGE_MM * s, 0.7 * wall)
     bounds = _bounds(slipper, foot, toe)

@@ -32,8 +32,8 @@ from fabcraft.template.template import MotifFrame, Parameter, Template
 
 EDGE_MM, WALL_MM, ROOM_MM = 3.0, 2.5, 1.5
 BAND_MM, OVER_GLABELLA_MM, TILT_DEG = 36.0, 28.0, 8.0
-LESS_TILT_DEG = 3.0
-"""A character's: behind, a tilted band would stand over a flat head."""
+SHORT_BRIM_MM, LESS_TILT_DEG = 46.0, 3.0
+"""A character's: its eyes are large and high up, and behind, a tilted band would stand over a flat head."""
 BRIM_MM, SPREAD_DEG, OPEN_DEG = 62.0, 60.0, 60.0
 REST_DEG = 45.0
 """Half the arc over which the band rests on the forehead."""
@@ -158,9 +158,8 @@ def build(body: Body, settings: Settings) -> Template:
     size = fitting_mm(head, chosen.get("size"), KIND.name)
     over = float(part.mesh.vertices[:, 2].max() - head.at["glabella"][2])  # little where a head is flat
     band = float(chosen.get("band", min(BAND_MM * s, _MOST_OVER * over)))
-    brim = float(chosen.get("brim", BRIM_MM * s))
-    usual = TILT_DEG if part.kind != "character" else LESS_TILT_DEG
-    tilt = np.radians(float(chosen.get("tilt", usual)))
+    long, tilted = (BRIM_MM, TILT_DEG) if part.kind != "character" else (SHORT_BRIM_MM, LESS_TILT_DEG)
+    brim, tilt = float(chosen.get("brim", long * s)), np.radians(float(chosen.get("tilt", tilted)))
     axis = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     middle = head.at["glabella"] * [0.0, 1.0, 1.0] + min(OVER_GLABELLA_MM * s, 0.5 * _MOST_OVER * over) * _UP
     spread, open_ = (
