@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 from fabcraft.body.body import Body
 from fabcraft.body.region import Region
 from fabcraft.errors import InputError
-from fabcraft.geometry.implicit import met, smooth_common, smooth_union
+from fabcraft.geometry.implicit import met, slope, smooth_common, smooth_union
 from fabcraft.geometry.walled import Wall, walled
 from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
@@ -28,7 +28,7 @@ from fabcraft.template.headwear import (
     wall_mm,
 )
 from fabcraft.template.lining import Lining, Pad, covered_bounds, pad_gap_mm, resting
-from fabcraft.template.template import MotifFrame, Parameter, Template
+from fabcraft.template.template import MotifFrame, Parameter, StrapHole, Template
 
 EDGE_MM, WALL_MM, ROOM_MM = 3.0, 2.5, 1.5
 BAND_MM, OVER_GLABELLA_MM, TILT_DEG = 36.0, 28.0, 8.0
@@ -37,6 +37,8 @@ SHORT_BRIM_MM, LESS_TILT_DEG = 46.0, 3.0
 BRIM_MM, SPREAD_DEG, OPEN_DEG = 62.0, 60.0, 60.0
 REST_DEG = 45.0
 """Half the arc over which the band rests on the forehead."""
+STRAP_FROM_END_MM, STRAP_WIDE_MM = 8.0, 3.0
+"""Middle of an elastic's slot from the end of the band, and its width; not under half of that on small heads."""
 PAD_MM = 15.0
 """Radius of the pads before the ears."""
 _MOST_OVER, _MOST_LIFT = 0.7, 0.2
@@ -210,6 +212,7 @@ def build(body: Body, settings: Settings) -> Template:
         locked=inside & _on_band(visor, mesh),
         mirrored=True,
         motifs=(_front(visor),),
+        straps=_straps(visor),
         listed_mm=(pad_gap_mm(head)[0], room),
         parameters={"size": size, "fit": room, "wall": wall, "band": band, "brim": brim}
         | {
@@ -320,6 +323,36 @@ def _forehead(visor: _Visor) -> dict[str, Region]:
     )
     near = -visor.lining.tight(vertices) < 1.5 * max(visor.head.scale, 0.6)
     return {"forehead": part.regions["forehead"].at(np.flatnonzero(under & near))}
+
+
+def _straps(visor: _Visor) -> tuple[StrapHole, ...]:
+    """A slot near either end of an open band, for an elastic as wide as two thirds of the band."""
+    if not visor.open:
+        return ()
+    head, size = visor.head, max(visor.head.scale, 0.5)
+    found = []
+    for side in (-1.0, 1.0):
+        turn = np.pi - visor.open
+        for _ in range(2):  # the azimuth of a place that is so far from the end of the band
+            way = np.array([side * np.sin(turn), -np.cos(turn), 0.0])
+            way -= (way @ visor.axis) * visor.axis
+            start = head.middle + ((visor.middle - head.middle) @ visor.axis) * visor.axis
+            place = met(visor.middle_of, start, way / np.linalg.norm(way), 200.0 * head.scale)
+            radius = float(np.hypot(*(place - head.middle)[:2]))
+            turn = np.pi - visor.open - STRAP_FROM_END_MM * size / radius
+        out = slope(visor.middle_of, place[None], 0.2 * head.scale)[0]
+        along = visor.axis - (visor.axis @ out) / (out @ out) * out
+        found.append(
+            StrapHole(
+                place,
+                along / np.linalg.norm(along),
+                out / np.linalg.norm(out),
+                2.0 / 3.0 * visor.band,
+                STRAP_WIDE_MM * size,
+                3.0 * visor.wall + 2.0 * visor.lining.room,
+            )
+        )
+    return tuple(found)
 
 
 def _front(visor: _Visor) -> MotifFrame:
