@@ -127,7 +127,7 @@ def last(
     off_leg_mm : distance of the upper's end from where the leg rises.
     """
     pixel = _PIXEL_MM * scale
-    low = foot.submesh((foot.corners[:, :, 2] < _PRINT * length).all(1))
+    low = foot.submesh(foot.corners[:, :, 2].max(axis=1) < _PRINT * length)
     plane = Plane.around(low.vertices[:, :2], pixel, _MARGIN_MM * scale + 0.3 * length)
     x, y = plane.centres()
     rows, ahead, toes = y[:, 0], round(toe_mm / pixel), y > 0.6 * length
@@ -197,9 +197,9 @@ def _sides(
 
     Down to `opening` no row is narrower than the one before it; from there the sole narrows to the heel.
     """
-    filled = mask.any(1)
+    filled = mask.max(axis=1)
     first, end = int(filled.argmax()), int(len(filled) - 1 - filled[::-1].argmax())
-    sides = []
+    sides: list[Float64[np.ndarray, "H 1"]] = []
     for side in (mask.argmax(1), mask.shape[1] - 1 - mask[:, ::-1].argmax(1)):
         sign = 1.0 if len(sides) else -1.0
         out = sign * side[first : end + 1].astype(np.float64)
@@ -232,7 +232,11 @@ def _forward(values: np.ndarray, steps: int, there: np.ndarray) -> np.ndarray:
 
 
 def _room(
-    side: Float64[np.ndarray, "H W"], tops: Float64[np.ndarray, "H W"], plane: Plane, cell_mm: float, blur_mm: float
+    side: Float64[np.ndarray, "H W"],
+    tops: Float64[np.ndarray, "H W"],
+    plane: Plane,
+    cell_mm: float,
+    blur_mm: float,
 ) -> GridField:
     """The blurred distance to what is within the outline (`side` < 0) and under the heights, also below the floor."""
     deep, top = _DEEP_CELLS * cell_mm, float(tops[side < 0.0].max()) + 0.5 * _DEEP_CELLS * cell_mm

@@ -178,7 +178,7 @@ def build(body: Body, settings: Settings) -> Template:
     )
 
 
-def _dome(rim: Line, worn: Points) -> Points:
+def _dome(rim: Line, worn: Points) -> Float64[np.ndarray, "K 3"]:
     """An upper half of an ellipsoid over the rim, at least as high as the head."""
     low = float(rim.height(np.linspace(0.0, np.pi, 32)).mean())
     half = 0.5 * np.ptp(worn[:, :2], axis=0)

@@ -69,8 +69,8 @@ class Lining:
         blur_mm: float,
         bounds: Float64[np.ndarray, "2 3"],
         least_share: float,
-        sized: Points,
-        dome: Points,
+        sized: Float64[np.ndarray, "M 3"],
+        dome: Float64[np.ndarray, "K 3"],
     ) -> "Lining":
         """The lining for the skin `worn`, which comes off along `axis`.
 

@@ -149,11 +149,17 @@ def build(body: Body, settings: Settings) -> Template:
     # a wall that cannot be as thin as the foot is small asks for rounder corners
     rounded = max(s, 0.5 * wall / WALL_MM)
     shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
-    slipper = _slipper(part, foot, shape, rounded, room, wall, sole)
+    slipper = _slipper(part, foot, longer, shape, rounded, room, wall, sole)
     edge = max(EDGE_MM * s, 0.7 * wall)
     bounds = _bounds(slipper, foot, toe)
     sides = Wall(
-        slipper.middle, slipper.beyond, slipper.outer, slipper.inner, slipper.squareness, slipper.detail, least_mm=wall
+        slipper.middle,
+        slipper.beyond,
+        slipper.outer,
+        slipper.inner,
+        slipper.squareness,
+        slipper.detail,
+        least_mm=wall,
     )
     made, inside = walled(sides, bounds, edge, min(0.6 * edge, 0.9 * wall), name=KIND.name)
     mesh = made.with_vertices(frame.outside(made.vertices))
@@ -196,15 +202,16 @@ def _size(size: float | str | None, own: float) -> float:
 
 
 def _slipper(
-    part: Body, foot: Mesh, shape: Last, s: float, room: float, wall: float, sole: float
+    part: Body, foot: Mesh, longer: Mesh, shape: Last, s: float, room: float, wall: float, sole: float
 ) -> _Slipper:
-    """The fields around a last, for the foot that wears it."""
+    """The fields around a last, for the foot that wears it, and the `longer` one that it is made for."""
     bed = _footbed(foot, max(part.clearance_mm(0.0), _FLOOR_MM * s))
     end, height = shape.end
     top = np.array([end + _TONGUE_MM * s, height + room + 0.5 * wall])
     side = np.array([top[0] - _LEAN * shape.length, bed[0]])
     slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side, _INNER_CORNER_MM * shape.length / FOOT_MM)
-    covered = foot.vertices[(slipper.behind(foot.vertices) < 0.0) & (foot.vertices[:, 2] < 1.3 * top[1])]
+    made_for = longer.vertices
+    covered = made_for[(slipper.behind(made_for) < 0.0) & (made_for[:, 2] < 1.3 * top[1])]
     slipper = replace(slipper, level=float(shape.room(covered).max()) + room)
     # the sole ends behind where the sides of the upper do
     middle = np.array([0.0, 0.5 * (end + shape.length), bed[0] + _FOXING_HIGH_MM * s])

@@ -173,9 +173,7 @@ def build(body: Body, settings: Settings) -> Template:
 
     def placed(at: Float64[np.ndarray, "3"]) -> tuple[_Visor, Float64[np.ndarray, "2 3"]]:
         lining, bounds = _lining(head, at, axis, size, room, wall, band, brim)
-        return _Visor(
-            head, lining, at, axis, wall, band, brim, spread, 0.5 * open_, _FALL, rounded
-        ), bounds
+        return _Visor(head, lining, at, axis, wall, band, brim, spread, 0.5 * open_, _FALL, rounded), bounds
 
     visor, bounds = placed(middle)
     lift = min(_in_the_way(visor), _MOST_LIFT * over)
@@ -245,9 +243,7 @@ def _lining(
     bounds[0, 1:] -= [brim, 0.7 * brim]
     bounds += np.array([[-1.0], [1.0]]) * [0.4 * brim, 0.0, 0.0]
     gap = pad_gap_mm(head)[1]
-    lining = Lining.around(
-        worn, axis, room, gap, _BLUR_MM * s, bounds, _LEAST_SHARE, sized, upright
-    )
+    lining = Lining.around(worn, axis, room, gap, _BLUR_MM * s, bounds, _LEAST_SHARE, sized, upright)
     return lining, bounds
 
 
@@ -269,7 +265,9 @@ def _sideways(visor: _Visor, points: Points) -> Float64[np.ndarray, " N"]:
 def _in_the_way(visor: _Visor) -> float:
     """How far the visor would have to go up for brow and snout to be free of its brim, mm."""
     skin, within, most = _below(visor)
-    return float((visor.height(skin) - most + (visor.fall + _sideways(visor, skin)) * within).max(initial=0.0))
+    return float(
+        (visor.height(skin) - most + (visor.fall + _sideways(visor, skin)) * within).max(initial=0.0)
+    )
 
 
 def _fall(visor: _Visor) -> float:
@@ -278,9 +276,7 @@ def _fall(visor: _Visor) -> float:
     Raises `InputError` where it would have to stand up.
     """
     skin, within, most = _below(visor)
-    fall = float(
-        ((most - visor.height(skin)) / within - _sideways(visor, skin)).min(initial=_FALL)
-    )
+    fall = float(((most - visor.height(skin)) / within - _sideways(visor, skin)).min(initial=_FALL))
     if fall < _FLATTEST:
         raise InputError(
             f"the brow or snout of the {visor.head.part.name} stands in the way of a brim of {visor.brim:.0f} mm",
