@@ -29,7 +29,7 @@ _OFF_PLANE = 0.15
 """Before it is cut in the plane of symmetry, a surface's vertices are moved off it by this share of an edge."""
 _LEAST_SHARE = 0.5
 """Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
-_FACES_USED = 1.3
+_FACES_USED = 3.0
 """Faces that remeshing starts from, over those that it makes."""
 _OVERLAP = 1.4
 """A part is meshed together with neighbours that want up to this many times the longest length of the part."""
