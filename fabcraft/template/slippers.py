@@ -109,7 +109,7 @@ class _Slipper:
         beside = self.last.beside(points) - (self.beside - half)
         # over the heel the upper's inner side would go on as a tunnel
         sole = smooth_common(beside, points[:, 2] - self.floor(points) - 2.0 * self.scale, 2.0 * self.scale)
-        return smooth_union(self.behind(points), sole, max(20.0 * self.scale, 7.0 * self.wall))
+        return smooth_union(self.behind(points), sole, max(26.0 * self.scale, 9.0 * self.wall))
 
     def detail(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Edge length at the corner between sole and upper, whose outer side is much longer than its middle."""
