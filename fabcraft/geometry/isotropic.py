@@ -29,7 +29,7 @@ _OFF_PLANE = 0.15
 """Before it is cut in the plane of symmetry, a surface's vertices are moved off it by this share of an edge."""
 _LEAST_SHARE = 0.5
 """Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
-_FACES_USED = 1.3
+_FACES_USED = 3.0
 """Faces that remeshing starts from, over those that it makes."""
 _OVERLAP = 1.4
 """A part is meshed together with neighbours that want up to this many times the longest length of the part."""
@@ -96,7 +96,7 @@ def _thinned(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> Mesh:
     vertices, faces = fast_simplification.simplify(
         np.array(mesh.vertices), np.array(mesh.faces), 1.0 - useful / len(mesh.faces)
     )
-    fewer = Mesh(vertices.astype(np.float64), faces.astype(np.int32), mesh.name).submesh(slice(None))
+    fewer = _used(Mesh(vertices.astype(np.float64), faces.astype(np.int32), mesh.name))
     return fewer if _topology(fewer.faces) == _topology(mesh.faces) else mesh
 
 
@@ -174,7 +174,7 @@ def clipped(mesh: Mesh, values: Float64[np.ndarray, " V"]) -> Mesh:
         pieces.append(np.stack([cut(a, b), b, c], 1)[pair])
         pieces.append(np.stack([cut(a, b), c, cut(c, a)], 1)[pair])
     faces = np.concatenate(pieces).astype(np.int32)
-    return Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name).submesh(slice(None))
+    return _used(Mesh(np.concatenate([mesh.vertices, cuts]), faces, mesh.name))
 
 
 def _positive_half(mesh: Mesh) -> Mesh:
@@ -200,7 +200,12 @@ def reflected(half: Mesh, near_mm: float) -> Mesh:
     image[rim] = rim
     faces = np.concatenate([half.faces, image[half.faces][:, ::-1]]).astype(np.int32)
     both = Mesh(np.concatenate([vertices, vertices * [-1.0, 1.0, 1.0]]), faces, half.name)
-    return both.submesh(np.ones(len(faces), dtype=bool))
+    return _used(both)
+
+
+def _used(mesh: Mesh) -> Mesh:
+    """The mesh without vertices that no face has."""
+    return mesh.submesh(np.ones(len(mesh.faces), dtype=bool))
 
 
 def _topology(faces: Int32[np.ndarray, "F 3"]) -> tuple[int, int, bool]:

@@ -37,10 +37,16 @@ class Wall:
     """Negative in the material, 0 on the outer side."""
     inner: Field
     """Negative in the material, 0 on the inner side."""
+    rest: Field | None = None
+    """The same of the inner side where it reaches farther in to rest on something."""
+    resting: Field | None = None
+    """How much it does, 0 to 1, over the middle surface; needed with `rest`."""
     squareness: Field | None = None
     """Of the rims' profile: 1 a half round (also without it), smaller squarer, 0 a flat edge."""
     detail: Field | None = None
     """Edge length wanted where the wall bends sharply."""
+    least_mm: float = 0.0
+    """Thickness that it has everywhere: where the sides come closer, the outer one gives way."""
 
 
 def walled(
@@ -75,8 +81,15 @@ def walled(
         points[ends, 0] = np.where(np.abs(even.vertices[ends, 0]) < 1e-9, 0.0, points[ends, 0])
     normals = slope(wall.middle, points, step)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    outer = _along(points, normals, wall.outer, step)
-    inner = _along(points, -normals, wall.inner, step)
+    inward = _along(points, -normals, wall.inner, step)
+    # fields are distances about; what is promised is measured
+    outward = np.maximum(_along(points, normals, wall.outer, step), wall.least_mm - inward)
+    if wall.rest is not None and wall.resting is not None:
+        share = wall.resting(points)
+        there = np.flatnonzero(share > 0.0)
+        deep = _along(points[there], -normals[there], wall.rest, step)
+        inward[there] += share[there] * np.maximum(deep - inward[there], 0.0)
+    outer, inner = points + outward[:, None] * normals, points - inward[:, None] * normals
     count = len(points)
     vertices, faces = [outer, inner], [even.faces, even.faces[:, ::-1] + count]
     rows = max(
@@ -113,15 +126,15 @@ def _on_both(
 
 def _along(
     points: np.ndarray, directions: np.ndarray, side: Field, step_mm: float
-) -> Float64[np.ndarray, "N 3"]:
-    """Where the rays leave the material, by Newton's steps."""
+) -> Float64[np.ndarray, " N"]:
+    """How far along the rays leave the material, by Newton's steps."""
     way = np.zeros(len(points))
     for _ in range(_ROUNDS):
         here = points + way[:, None] * directions
         value = side(here)
         rise = (side(here + step_mm * directions) - value) / step_mm
         way = np.maximum(way - value / np.clip(rise, 0.3, 3.0), 0.0)
-    return points + way[:, None] * directions
+    return way
 
 
 def _rim(

@@ -3,20 +3,28 @@
 A slot is a stadium 3 x 12 mm in the front view, 4.5 mm of material outside it, parallel to the rim, as far to the side as
 the outline reaches near the height of the eyes (a band above the ears then pulls straight back).  On a character the
 slot is as small as its head, but not under half that size: a thread has to go through.
+
+A solid knows where its own slots are (`Template.straps`); they are cut out of what has become of it.
 """
 
 from dataclasses import dataclass
 
+import manifold3d
 import numpy as np
 from jaxtyping import Float64
 
+from fabcraft.errors import SolidError
 from fabcraft.guidance.inflate import Relief
-from fabcraft.template.template import Template
+from fabcraft.mesh import Mesh
+from fabcraft.solid.manifolds import to_manifold, to_mesh
+from fabcraft.template.template import StrapHole, Template
 
 LENGTH_MM, WIDTH_MM, RIM_MM = 12.0, 3.0, 4.5
 HEIGHT_RANGE_MM = (-20.0, 30.0)
 """How far below and above the eyes a slot may sit."""
 _LEAST_SCALE = 0.5
+_TIDY_MM = 0.002
+"""Edges that a cut leaves shorter than this are collapsed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +51,29 @@ def strap_slots(template: Template, relief: Relief) -> tuple[StrapSlot, ...]:
     middle = 0.5 * (landmarks["eye_left"] + landmarks["eye_right"])[[0, 2]]
     found = [_slot(relief, middle, side, template.scale) for side in (-1.0, 1.0)]
     return tuple(slot for slot in found if slot is not None) if all(found) else ()
+
+
+def with_straps(solid: Mesh, straps: tuple[StrapHole, ...]) -> Mesh:
+    """The closed solid with its slots cut through.  Raises `SolidError` when one misses it, or cuts it in two."""
+    cut = to_manifold(solid)
+    for strap in straps:
+        half, radius = 0.5 * (strap.length_mm - strap.width_mm), 0.5 * strap.width_mm
+        rounds = [
+            manifold3d.Manifold.cylinder(strap.depth_mm, radius, radius, 32, center=True).translate(
+                (end, 0.0, 0.0)
+            )
+            for end in (-half, half)
+        ]
+        across = np.cross(strap.through, strap.along)
+        place = np.column_stack([strap.along, across, strap.through, strap.centre])
+        before = cut
+        cut = cut - manifold3d.Manifold.batch_hull(rounds).transform(place)
+        if cut.genus() != before.genus() + 1:
+            raise SolidError(
+                "a strap slot does not go through the wall as one hole",
+                "Choose another band (--set band=...), or a closed one (--set open=0).",
+            )
+    return to_mesh(cut.simplify(_TIDY_MM))
 
 
 def _slot(relief: Relief, middle: np.ndarray, side: float, scale: float) -> StrapSlot | None:

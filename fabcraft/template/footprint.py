@@ -29,16 +29,18 @@ Points = Float64[np.ndarray, "N 3"]
 
 _PIXEL_MM, _CELL_MM = 1.0, 2.5
 _MARGIN_MM = 30.0
-_SIDES_BACK, _HEEL = 0.11, 0.06
+_SIDES_BACK, _HEEL = 0.11, 0.14
 """How much farther back than its top an upper ends at the sole, and where the sole is the heel's again, in lengths."""
 _STEEPEST, _OVER_TOES = 0.26, 1.35
 """Height of the foot where an upper ends at the latest, over its length, and over the height of its toes."""
 _PAST_END = 0.012
 """How far behind its end the upper's inner side still has to clear the foot, over the length."""
-_CONVEX = 0.75
+_CONVEX = 0.9
 """Of the sole's outline between the print (0) and its hull (1)."""
-_SOFT = 0.025
+_SOFT = 0.035
 """Sigma, in lengths, of what evens the sides of the sole."""
+_WALL_HIGH = 0.7
+"""Least height of the room, over the height of the toes."""
 _BETWEEN_TOES = 0.16
 """Hollows narrower than this share of the length are bridged by the upper."""
 _DEEP_CELLS = 12
@@ -125,13 +127,14 @@ def last(
     off_leg_mm : distance of the upper's end from where the leg rises.
     """
     pixel = _PIXEL_MM * scale
-    low = foot.submesh((foot.corners[:, :, 2] < _PRINT * length).all(1))
+    low = foot.submesh(foot.corners[:, :, 2].max(axis=1) < _PRINT * length)
     plane = Plane.around(low.vertices[:, :2], pixel, _MARGIN_MM * scale + 0.3 * length)
     x, y = plane.centres()
     rows, ahead, toes = y[:, 0], round(toe_mm / pixel), y > 0.6 * length
     heights = _standing_heights(foot, plane)
     ridge = np.where((np.abs(x) < 0.12 * length) & np.isfinite(heights), heights, 0.0).max(1)
-    end, leg = _upper_end(ridge, rows, length, cover, off_leg_mm)
+    toes_mm = float(ridge[(rows > 0.82 * length) & (rows < 0.92 * length)].max())
+    end, leg = _upper_end(ridge, rows, length, cover, off_leg_mm, toes_mm)
     opening = end - _SIDES_BACK * length
     cut = float(foot.vertices[:, 2].max()) - 0.01 * length
     known = np.isfinite(heights) & (heights < min(leg, cut)) & (y > opening)
@@ -141,26 +144,27 @@ def last(
     beside = gaussian_filter(_signed((columns >= left) & (columns <= right)) * pixel, 2.0 * blur_mm / pixel)
     between = round(_BETWEEN_TOES * length / pixel)
     over = grey_closing(np.where(known, heights, 0.0), (between, between))
-    over = _filled(over + np.where(y > 0.8 * length, over_toes_mm, 0.0), known, blur_mm / pixel)
+    higher = over_toes_mm * np.clip((y / length - 0.6) / 0.3, 0.0, 1.0)
+    over = _filled(over + higher, known, 2.0 * blur_mm / pixel)
     reached = np.where(_forward(known, ahead, toes), _forward(over, ahead, toes), -np.inf)
     swept = np.maximum.accumulate(reached, axis=0)  # what is ahead has to pass
     start = int(np.searchsorted(-rows, -(end - _PAST_END * length)))
     swept[start:] = swept[start]
-    inside = beside < 0.0
-    inside[start:] = inside[start]
-    swept = np.where(inside, _filled(swept, np.isfinite(swept), blur_mm / pixel), -np.inf)
-    room = _room(swept, plane, _CELL_MM * scale, blur_mm)
+    side = beside.copy()
+    side[start:] = side[start]
+    tops = _filled(swept, np.isfinite(swept), 1.5 * blur_mm / pixel)
+    # walls stand upright before they bend over
+    room = _room(side, np.maximum(tops, _WALL_HIGH * toes_mm), plane, _CELL_MM * scale, blur_mm)
     top = float(np.interp(end, rows[::-1], ridge[::-1]))
     return Last(length, spline_filter(beside, order=3, mode="nearest"), plane, room, (end, top))
 
 
 def _upper_end(
-    ridge: np.ndarray, rows: np.ndarray, length: float, cover: float, off_leg_mm: float
+    ridge: np.ndarray, rows: np.ndarray, length: float, cover: float, off_leg_mm: float, toes_mm: float
 ) -> tuple[float, float]:
     """y where an upper ends over the middle of the foot, as far back as asked or before the foot becomes too high; and the
     height from which on it is leg."""
-    toes = float(ridge[(rows > 0.82 * length) & (rows < 0.92 * length)].max())
-    most = max(_STEEPEST * length, _OVER_TOES * toes)
+    most = max(_STEEPEST * length, _OVER_TOES * toes_mm)
     end = float(rows[ridge > most].max(initial=0.0)) + off_leg_mm
     return float(np.clip(end, (1.0 - cover) * length, 0.85 * length)), _LEG * most
 
@@ -193,9 +197,9 @@ def _sides(
 
     Down to `opening` no row is narrower than the one before it; from there the sole narrows to the heel.
     """
-    filled = mask.any(1)
+    filled = mask.max(axis=1)
     first, end = int(filled.argmax()), int(len(filled) - 1 - filled[::-1].argmax())
-    sides = []
+    sides: list[Float64[np.ndarray, "H 1"]] = []
     for side in (mask.argmax(1), mask.shape[1] - 1 - mask[:, ::-1].argmax(1)):
         sign = 1.0 if len(sides) else -1.0
         out = sign * side[first : end + 1].astype(np.float64)
@@ -209,7 +213,9 @@ def _sides(
         passing = np.maximum.accumulate(wide)
         at_opening = int(np.searchsorted(-y, -opening))
         share = np.clip((y - _HEEL * y[0]) / (opening - _HEEL * y[0]), 0.0, 1.0)
-        narrowing = wide + share**2 * (3.0 - 2.0 * share) * (passing[at_opening] - wide[at_opening])
+        heel = float(np.interp(_HEEL * y[0], y[::-1], wide[::-1]))
+        waist = heel + np.sin(0.5 * np.pi * share) * (passing[at_opening] - heel)
+        narrowing = np.where(share > 0.0, np.maximum(waist, wide), wide)
         wide = np.where(np.arange(len(y)) < at_opening, passing, narrowing)
         whole = np.full(len(filled), -np.inf)
         whole[first : end + 1] = gaussian_filter1d(wide, _SOFT * len(wide), mode="nearest")
@@ -225,20 +231,25 @@ def _forward(values: np.ndarray, steps: int, there: np.ndarray) -> np.ndarray:
     return grown
 
 
-def _room(heights: np.ndarray, plane: Plane, cell_mm: float, blur_mm: float) -> GridField:
-    """The blurred distance to the solid under the heights, which goes on below the floor."""
-    deep, top = (
-        _DEEP_CELLS * cell_mm,
-        float(heights[np.isfinite(heights)].max()) + 0.5 * _DEEP_CELLS * cell_mm,
-    )
+def _room(
+    side: Float64[np.ndarray, "H W"],
+    tops: Float64[np.ndarray, "H W"],
+    plane: Plane,
+    cell_mm: float,
+    blur_mm: float,
+) -> GridField:
+    """The blurred distance to what is within the outline (`side` < 0) and under the heights, also below the floor."""
+    deep, top = _DEEP_CELLS * cell_mm, float(tops[side < 0.0].max()) + 0.5 * _DEEP_CELLS * cell_mm
     right, back = plane.left_mm + plane.width * plane.pixel_mm, plane.top_mm - plane.height * plane.pixel_mm
     grid = Grid.around(np.array([[plane.left_mm, back, -deep], [right, plane.top_mm, top]]), cell_mm, 0.0)
-    centres = grid.positions(np.arange(grid.size))
-    column, row = np.floor(plane.to_pixels(centres[:, :2])).astype(int).T
-    inside = (column >= 0) & (column < plane.width) & (row >= 0) & (row < plane.height)
-    under = np.zeros(grid.size, dtype=bool)
-    under[inside] = centres[inside, 2] < heights[row[inside], column[inside]]
-    values = _signed(under.reshape(grid.shape)) * cell_mm
+    down, across = np.gradient(tops, plane.pixel_mm)
+    x, y, z = (grid.origin[k] + cell_mm * np.arange(grid.shape[k]) for k in range(3))
+    columns = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")])
+    beside, height, steep = (
+        plane.sample(values, columns).reshape(len(x), len(y), 1)
+        for values in (side, tops, np.sqrt(1.0 + down**2 + across**2))
+    )
+    values = np.maximum(beside, (z - height) / steep)
     values = gaussian_filter(values, blur_mm / cell_mm, mode="nearest")
     return GridField(grid, spline_filter(values, order=3, mode="nearest"), False)
 

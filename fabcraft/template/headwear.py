@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
@@ -17,6 +17,7 @@ from fabcraft.body.body import Body
 from fabcraft.body.sizes import asked
 from fabcraft.body.tape import girth
 from fabcraft.errors import InputError
+from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Settings
 from fabcraft.template.template import DonningPath
 
@@ -115,6 +116,11 @@ def head_of(part: Body, at: Mapping[str, Float64[np.ndarray, "3"]]) -> Head:
     levels = [middle * [1.0, 1.0, 0.0] + height * _UP for height in np.unique(heights)]
     round_mm = max(girth(part.mesh, level, _UP).length_mm for level in levels)
     return replace(head, ears=(float(azimuths.min()), float(azimuths.max())), round_mm=round_mm)
+
+
+def skin_of(mesh: Mesh, chosen: Bool[np.ndarray, " V"]) -> Points:
+    """The corners of every face that has a chosen vertex: their hull holds all skin between the chosen ones."""
+    return mesh.vertices[np.unique(mesh.faces[chosen[mesh.faces].any(1)])]
 
 
 def hat_mm(size: float | str) -> float:

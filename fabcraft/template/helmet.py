@@ -1,8 +1,9 @@
 """The helmet: a shell over the convex upper head, with a rolled rim from the brows over the ears down to the nape.
 
-Numbers (mm, on a head 200 long): rim 25 above the glabella, 15 over the ears, 60 under the back of the head; room for
-pads 6 (EN 960 headforms are the bare head; 6 mm is a convention), 3 as a show piece; wall 3; ears keep 5.  A character's
-helmet is domed where its head is flat or pointed.
+Numbers (mm, on a head 200 long): rim 25 above the glabella, 15 over the ears, 50 under the back of the head; room for
+pads 6 (EN 960 headforms are the bare head; 6 mm is a convention), 3 as a show piece; wall 3; ears keep 5.  The rim turns
+out to a brim of 3, and to a peak of 10 more over the brows.  A character's helmet is domed where its head is flat or
+pointed.
 """
 
 from dataclasses import dataclass, replace
@@ -23,21 +24,26 @@ from fabcraft.template.headwear import (
     head_of,
     least_facing_axis,
     lifted_off,
+    skin_of,
     wall_mm,
 )
 from fabcraft.template.lining import Lining, Pad, covered_bounds, pad_gap_mm, resting
 from fabcraft.template.template import MotifFrame, Parameter, Template
 
-EDGE_MM, WALL_MM, BRIM_MM = 4.0, 3.0, 3.0
+EDGE_MM, WALL_MM, BRIM_MM, PEAK_MM = 4.0, 3.0, 3.0, 10.0
 ROOM_MM = {"padded": 6.0, "show": 3.0}
-BROW_MM, OVER_EARS_MM, NAPE_MM = 25.0, 15.0, 60.0
+BROW_MM, OVER_EARS_MM, NAPE_MM = 25.0, 15.0, 50.0
 PADS_MM = {"crown": 28.0, "forehead": 15.0, "temple_left": 15.0, "temple_right": 15.0, "nape": 15.0}
 """Where it rests, and the radius of the pad there."""
 _BLUR_MM = 12.0
 _DOME, _WITHIN = 0.42, 0.96
 """Least height of a character's helmet over the mean of its rim, over its breadth; size of the dome over the head's."""
-_BEAD = 0.4
+_BEAD = 0.3
 """How much thicker than the wall the rim is, as a share."""
+_PEAK = 0.62
+"""Azimuth at which the peak has lost two fifths of its length."""
+_CALM_NAPE = 0.7
+"""How much less the brim stands out behind, as a share: the shell is away from the neck there as it is."""
 _FRONT_RADIUS_MM = 90.0
 """Of the shell at the face window, for its arc lengths."""
 _LEFT, _BACK, _UP = np.eye(3)
@@ -69,6 +75,7 @@ class _Shell:
     rim: Line
     wall: float
     brim: float
+    peak: float
     window: _Window | None = None
     pads: tuple[Pad, ...] = ()
 
@@ -79,11 +86,13 @@ class _Shell:
 
     def within(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance outward from the inner side, which flares out to the brim near the rim."""
-        reach = 10.0 * self.rim.head.scale + 0.6 * self.brim
-        share = np.clip(1.0 - self.rim.above(points) / reach, 0.0, 1.0)
-        flare = self.brim * share**2 * (3.0 - 2.0 * share)
-        steep = 6.0 * self.brim / reach * share * (1.0 - share)
-        return (self.lining.within(points) - flare) / np.sqrt(1.0 + steep**2)
+        azimuth = self.rim.head.azimuth(points)
+        brim = self.brim * (1.0 - _CALM_NAPE * np.clip(azimuth / np.pi, 0.0, 1.0) ** 4)
+        brim = brim + self.peak * np.exp(-0.5 * (azimuth / _PEAK) ** 2)
+        reach = 14.0 * self.rim.head.scale + brim
+        share = np.clip(1.0 - self.rim.above(points) / reach, 0.0, 1.2)
+        steep = 3.0 * brim / reach * share**2
+        return (self.lining.within(points) - brim * share**3) / np.sqrt(1.0 + steep**2)
 
     def outer(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance outward from the outer side, which thickens to a bead at the edges."""
@@ -91,12 +100,14 @@ class _Shell:
         return self.within(points) - self.wall * (1.0 + _BEAD * bead)
 
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
-        """Distance inward from the inner side and its pads."""
+        """Distance inward from the inner side, without pads."""
+        return -self.within(points)
+
+    def resting(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """1 on the pads, 0 beside them and at the edges, smooth between."""
         share = np.max([np.zeros(len(points)), *(pad.share(points) for pad in self.pads)], axis=0)
-        clear = np.clip(
-            (-self.beyond(points) / (PADS_MM["nape"] * self.rim.head.scale) - 0.1) / 0.5, 0.0, 1.0
-        )
-        return -self.lining.padded(points, self.within(points), share * clear, self.wall)
+        clear = (-self.beyond(points) / (PADS_MM["nape"] * self.rim.head.scale) - 0.1) / 0.5
+        return share * np.clip(clear, 0.0, 1.0)
 
     def middle(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance outward from the middle of the wall."""
@@ -108,7 +119,8 @@ def build(body: Body, settings: Settings) -> Template:
     chosen = KIND.settled(settings)
     head = head_of(*KIND.worn(body, "head", LANDMARKS))
     part, s = head.part, head.scale
-    wall, brim = wall_mm(head, chosen, WALL_MM), float(chosen.get("brim", BRIM_MM * s))
+    wall = wall_mm(head, chosen, WALL_MM)
+    brim, peak = float(chosen.get("brim", BRIM_MM * s)), float(chosen.get("peak", PEAK_MM * s))
     fit = chosen.get("fit", "padded")
     room = part.clearance_mm(ROOM_MM[fit]) if isinstance(fit, str) else float(fit)
     windowed, padded = bool(chosen.get("window", 0.0)), bool(chosen.get("pads", 1.0))
@@ -117,23 +129,31 @@ def build(body: Body, settings: Settings) -> Template:
     # from over the ears up no part of a face is in the way: the axis may lean to where brow and nape need it
     axis = _UP if windowed else least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right"))
     # the rounded rim reaches below its line
-    worn = part.mesh.vertices[rim.above(part.mesh.vertices) > -0.6 * (room + wall)]
+    worn = skin_of(part.mesh, rim.above(part.mesh.vertices) > -0.6 * (room + wall))
     sized = head.sized(worn, size)
     dome = _dome(rim, sized) if part.kind == "character" else sized[:0]
-    bounds = covered_bounds(np.vstack([sized, dome]), axis, room + wall + brim + 8.0 * s)
+    bounds = covered_bounds(np.vstack([sized, dome]), axis, room + wall + brim + peak + 8.0 * s)
     promised, gap = pad_gap_mm(head)
     lining = Lining.around(worn, axis, room, gap, _BLUR_MM * s, bounds, 0.5 if padded else 1.0, sized, dome)
-    shell = _Shell(lining, rim, wall, brim)
-    if windowed:
+    shell = _Shell(lining, rim, wall, brim, peak)
+    if windowed:  # what is over the face has no peak
         low, high = head.at["stomion"][2] - 14.0 * s, head.at["glabella"][2] + 14.0 * s
-        shell = replace(shell, window=_Window(head, low, high, 1.05))
+        shell = replace(shell, peak=0.0, window=_Window(head, low, high, 1.05))
     pads = _pads(shell)
     if padded:
         shell = replace(shell, pads=tuple(pads.values()))
 
     edge = EDGE_MM * s
-    wall_of = Wall(shell.middle, shell.beyond, shell.outer, shell.inner)
-    mesh, inside = walled(wall_of, bounds, edge, min(0.5 * edge, wall), mirrored=True, name=KIND.name)
+    wall_of = Wall(
+        shell.middle,
+        shell.beyond,
+        shell.outer,
+        shell.inner,
+        rest=lining.rest,
+        resting=shell.resting,
+        least_mm=wall,
+    )
+    mesh, inside = walled(wall_of, bounds, edge, min(0.65 * edge, wall), mirrored=True, name=KIND.name)
     contacts = resting(part, pads)
     domed = ("The helmet is domed over the head and leaves room where that is flat.",) if len(dome) else ()
     return Template(
@@ -152,13 +172,13 @@ def build(body: Body, settings: Settings) -> Template:
         mirrored=True,
         motifs=_motifs(shell),
         listed_mm=(promised if padded else room, room),
-        parameters={"size": size, "fit": room, "wall": wall, "brim": brim}
+        parameters={"size": size, "fit": room, "wall": wall, "brim": brim, "peak": peak}
         | {"pads": float(padded), "window": float(windowed)},
         notes=(*domed, f"The helmet is for a head of {size:.0f} mm round, hat size {size / 10:.1f}."),
     )
 
 
-def _dome(rim: Line, worn: Points) -> Points:
+def _dome(rim: Line, worn: Points) -> Float64[np.ndarray, "K 3"]:
     """An upper half of an ellipsoid over the rim, at least as high as the head."""
     low = float(rim.height(np.linspace(0.0, np.pi, 32)).mean())
     half = 0.5 * np.ptp(worn[:, :2], axis=0)
@@ -195,13 +215,13 @@ def _rim(head: Head, chosen: Settings, windowed: bool) -> Line:
         (np.pi - 0.4, back),
         (np.pi, back),
     ]
-    return Line.through(head, knots, 0.16)
+    return Line.through(head, knots, 0.2)
 
 
 def _pads(shell: _Shell) -> dict[str, Pad]:
     """A pad before every place that it can rest on, moved up along the skin where an edge would cut it."""
     part, s = shell.rim.head.part, shell.rim.head.scale
-    vertices, normals = part.mesh.vertices, part.mesh.vertex_normals
+    vertices = part.mesh.vertices
     inside, pads = -shell.beyond(vertices), {}
     for name, radius in PADS_MM.items():
         if name not in part.regions:
@@ -209,8 +229,10 @@ def _pads(shell: _Shell) -> dict[str, Pad]:
         middle = vertices[part.regions[name].vertex_indices].mean(0)
         middle = middle + max(1.1 * radius * s + float(shell.beyond(middle[None])[0]), 0.0) * _UP
         near = int((np.linalg.norm(vertices - middle, axis=1) + 1e3 * (inside < radius * s)).argmin())
-        if shell.lining.reaches(vertices[near], s):
-            pads[name] = Pad(vertices[near], normals[near], radius * s)
+        if shell.lining.reaches(vertices[near], radius * s, s):
+            out = slope(shell.lining.distance, vertices[near][None], 0.5 * s)[0]
+            deep = -float(shell.lining.within(vertices[near][None])[0])
+            pads[name] = Pad(vertices[near], out / np.linalg.norm(out), max(radius * s, deep))
     return pads
 
 
@@ -220,9 +242,9 @@ def _motifs(shell: _Shell) -> tuple[MotifFrame, ...]:
     top = met(shell.outer, head.middle, _UP, 300.0 * s)
     low = float(shell.rim.height(0.0)) if shell.window is None else shell.window.high
     room = float(top[2]) - low
-    brow = met(shell.outer, head.middle * [0.0, 1.0, 0.0] + (low + 0.42 * room) * _UP, -_BACK, 300.0 * s)
+    brow = met(shell.outer, head.middle * [0.0, 1.0, 0.0] + (low + 0.5 * room) * _UP, -_BACK, 300.0 * s)
     out = slope(shell.lining.distance, brow[None], 0.5)[0]
-    height = min(50.0 * s, 0.8 * room)
+    height = min(50.0 * s, 0.6 * room)
     return (
         MotifFrame(
             "brow", brow, _LEFT, np.cross(out / np.linalg.norm(out), _LEFT), (1.6 * height, height), 60.0 * s
@@ -248,6 +270,7 @@ KIND = Kind(
         ),
         Parameter("wall", "mm", 1.6, 8.0, "thickness of the shell"),
         Parameter("brim", "mm", 0.0, 25.0, "how far the rim stands out"),
+        Parameter("peak", "mm", 0.0, 40.0, "how much farther it does over the brows"),
         Parameter("brow", "mm", 10.0, 60.0, "height of the rim over the glabella in front"),
         Parameter("over_ears", "mm", 8.0, 40.0, "height of the rim over the ears"),
         Parameter("nape", "mm", 10.0, 90.0, "how far the rim goes down behind, from the back of the head"),

@@ -21,8 +21,8 @@ _SPARE_MM = 0.15
 """What the triangles' chords may take of that gap, on a man."""
 _HOLLOW_MM, _LEAST_HOLLOW_MM = 2.5, 1.5
 """Skin that lies deeper than this under the hull of the head is not rested on; the second of small characters."""
-_DEEPEST = 5.0
-"""How far pads may reach in, over the room between head and inner side."""
+_DEEPEST = 1.75
+"""How far a pad may reach in, over its radius."""
 _CELL = 0.58
 """Of the blurred distance's grid, over its blur."""
 
@@ -69,8 +69,8 @@ class Lining:
         blur_mm: float,
         bounds: Float64[np.ndarray, "2 3"],
         least_share: float,
-        sized: Points,
-        dome: Points,
+        sized: Float64[np.ndarray, "M 3"],
+        dome: Float64[np.ndarray, "K 3"],
     ) -> "Lining":
         """The lining for the skin `worn`, which comes off along `axis`.
 
@@ -83,7 +83,7 @@ class Lining:
         shape = Convex.around(np.concatenate([covered, covered - down]), mirrored=True)
         distance = blurred(shape, bounds, blur_mm, _CELL * blur_mm, mirrored=True)
         depths = distance(sized)
-        level = float(depths.max()) + least_share * room
+        level = float(depths.max()) + max(least_share * room, gap)
         if least_share < 1.0:
             level = max(level, float(np.median(depths)) + room)
         return Lining(tight, distance, level, room, gap)
@@ -92,20 +92,15 @@ class Lining:
         """Distance outward from the inner side, about, without pads."""
         return self.distance(points) - self.level
 
-    def padded(
-        self, points: Points, within: Float64[np.ndarray, " N"], share: Float64[np.ndarray, " N"], wall: float
-    ) -> Float64[np.ndarray, " N"]:
-        """`within` where pads take the `share` of the inner side; exact to a `wall` beyond it."""
-        there = np.flatnonzero((share > 0.0) & (within < wall) & (within > -(_DEEPEST + 0.5) * self.room))
-        padded = within.copy()
-        padded[there] += share[there] * (self.tight(points[there]) - self.gap - within[there])
-        return np.maximum(within, padded)
+    def rest(self, points: Points) -> Float64[np.ndarray, " N"]:
+        """Distance inward from where pads end."""
+        return self.gap - self.tight(points)
 
-    def reaches(self, foot: Float64[np.ndarray, "3"], scale: float) -> bool:
-        """Whether a pad can rest on the skin at `foot`, on a head of that scale."""
+    def reaches(self, foot: Float64[np.ndarray, "3"], radius: float, scale: float) -> bool:
+        """Whether a pad of that radius can rest on the skin at `foot`, on a head of that scale."""
         hollow = -float(self.tight(foot[None])[0])
         deep = -float(self.within(foot[None])[0])
-        return hollow < max(_HOLLOW_MM * scale, _LEAST_HOLLOW_MM) and deep < _DEEPEST * self.room
+        return hollow < max(_HOLLOW_MM * scale, _LEAST_HOLLOW_MM) and deep < _DEEPEST * radius
 
 
 def pad_gap_mm(head: Head) -> tuple[float, float]:

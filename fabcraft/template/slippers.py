@@ -22,7 +22,7 @@ from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.footprint import Frame, Last, Points, last, standing
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 
-EDGE_MM, WALL_MM, LEAST_WALL_MM = 3.0, 2.4, 1.6
+EDGE_MM, WALL_MM, LEAST_WALL_MM = 3.6, 2.4, 1.6
 FOOT_MM = 271.0
 """Length of a median man's foot (ANSUR II), which the numbers are made for."""
 ROOM_MM = {"soft": 2.0, "rigid": 3.0}
@@ -32,10 +32,11 @@ _FLOOR_MM = 0.03
 """How far the footbed lies under the lowest point of the foot, so that rounding does not press it in."""
 _LEAN = 0.11
 """How much farther back the sides of the upper go, over the foot's length."""
-_FOXING_MM, _FOXING_HIGH_MM = 2.0, 9.0
+_FOXING_MM, _FOXING_HIGH_MM = 2.4, 16.0
 """How much thicker the side is at the sole, and up to where."""
+_CORNER_EDGE_MM = 1.5
 _TONGUE_MM, _BEAD = 7.0, 0.35
-_BLUR_MM, _CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 6.0
+_BLUR_MM, _CORNER_MM, _OUTER_CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 20.0, 6.0
 _UP = np.array([0.0, 0.0, 1.0])
 _PLACES = ("ball_medial", "ball_lateral")
 
@@ -96,7 +97,7 @@ class _Slipper:
             _BEAD * self.wall * np.exp(-0.5 * (np.minimum(self.behind(points), 0.0) / (1.5 * self.wall)) ** 2)
         )
         side = self.within(points) - self.wall - np.maximum(foxing, bead)
-        return smooth_common(side, bottom - points[:, 2], 9.0 * s)
+        return smooth_common(side, bottom - points[:, 2], _OUTER_CORNER_MM * s)
 
     def inner(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Distance inward from the inner side."""
@@ -108,13 +109,13 @@ class _Slipper:
         beside = self.last.beside(points) - (self.beside - half)
         # over the heel the upper's inner side would go on as a tunnel
         sole = smooth_common(beside, points[:, 2] - self.floor(points) - 2.0 * self.scale, 2.0 * self.scale)
-        return smooth_union(self.behind(points), sole, max(20.0 * self.scale, 7.0 * self.wall))
+        return smooth_union(self.behind(points), sole, max(26.0 * self.scale, 9.0 * self.wall))
 
     def detail(self, points: Points) -> Float64[np.ndarray, " N"]:
         """Edge length at the corner between sole and upper, whose outer side is much longer than its middle."""
         under = 0.5 * (self.floor(points) + self.bottom(points)) - points[:, 2]
         off = np.abs(self.within(points) - 0.5 * self.wall - under) / np.sqrt(2.0)
-        return self.scale * (0.65 * EDGE_MM + 0.5 * np.maximum(off / self.scale - 4.0, 0.0))
+        return self.scale * (_CORNER_EDGE_MM + 0.5 * np.maximum(off / self.scale - 4.0, 0.0))
 
     def squareness(self, points: Points) -> Float64[np.ndarray, " N"]:
         """The edge of the sole is fuller than a half round, the upper's is one."""
@@ -145,15 +146,22 @@ def build(body: Body, settings: Settings) -> Template:
     over = part.clearance_mm(OVER_TOES_MM)
     off_leg = wall + 1.5 * room
     before, above = max(toe - room, 0.0), max(over - room, 0.0)
-    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
     # a wall that cannot be as thin as the foot is small asks for rounder corners
-    slipper = _slipper(part, foot, shape, max(s, 0.5 * wall / WALL_MM), room, wall, sole)
-    edge = max(EDGE_MM * s, 0.6 * wall)
+    rounded = max(s, 0.5 * wall / WALL_MM)
+    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
+    slipper = _slipper(part, foot, longer, shape, rounded, room, wall, sole)
+    edge = max(EDGE_MM * s, 0.7 * wall)
     bounds = _bounds(slipper, foot, toe)
     sides = Wall(
-        slipper.middle, slipper.beyond, slipper.outer, slipper.inner, slipper.squareness, slipper.detail
+        slipper.middle,
+        slipper.beyond,
+        slipper.outer,
+        slipper.inner,
+        slipper.squareness,
+        slipper.detail,
+        least_mm=wall,
     )
-    made, inside = walled(sides, bounds, edge, min(0.6 * edge, wall), name=KIND.name)
+    made, inside = walled(sides, bounds, edge, min(0.6 * edge, 0.9 * wall), name=KIND.name)
     mesh = made.with_vertices(frame.outside(made.vertices))
     contacts = _resting(part, foot, slipper, which)
     poses = _sliding_off(frame, slipper, foot)
@@ -194,15 +202,16 @@ def _size(size: float | str | None, own: float) -> float:
 
 
 def _slipper(
-    part: Body, foot: Mesh, shape: Last, s: float, room: float, wall: float, sole: float
+    part: Body, foot: Mesh, longer: Mesh, shape: Last, s: float, room: float, wall: float, sole: float
 ) -> _Slipper:
-    """The fields around a last, for the foot that wears it."""
+    """The fields around a last, for the foot that wears it, and the `longer` one that it is made for."""
     bed = _footbed(foot, max(part.clearance_mm(0.0), _FLOOR_MM * s))
     end, height = shape.end
     top = np.array([end + _TONGUE_MM * s, height + room + 0.5 * wall])
     side = np.array([top[0] - _LEAN * shape.length, bed[0]])
     slipper = _Slipper(shape, s, 0.0, bed, sole, wall, top, side, _INNER_CORNER_MM * shape.length / FOOT_MM)
-    covered = foot.vertices[(slipper.behind(foot.vertices) < 0.0) & (foot.vertices[:, 2] < 1.3 * top[1])]
+    made_for = longer.vertices
+    covered = made_for[(slipper.behind(made_for) < 0.0) & (made_for[:, 2] < 1.3 * top[1])]
     slipper = replace(slipper, level=float(shape.room(covered).max()) + room)
     # the sole ends behind where the sides of the upper do
     middle = np.array([0.0, 0.5 * (end + shape.length), bed[0] + _FOXING_HIGH_MM * s])

@@ -86,6 +86,22 @@ class MotifFrame:
 
 
 @dataclass(frozen=True, eq=False)
+class StrapHole:
+    """Where an elastic is tied to a solid: a slot with round ends through its wall, cut when everything else is done."""
+
+    centre: Float64[np.ndarray, "3"]
+    """In the wall, mm."""
+    along: Float64[np.ndarray, "3"]
+    """Unit vector along the slot."""
+    through: Float64[np.ndarray, "3"]
+    """Unit vector through the wall, square to `along`."""
+    length_mm: float
+    width_mm: float
+    depth_mm: float
+    """Of what is cut, half of it to either side of the centre."""
+
+
+@dataclass(frozen=True, eq=False)
 class DonningPath:
     """How the worn object comes off: rigid poses from its seat outwards, and what gives on the way."""
 
@@ -146,6 +162,8 @@ class Template:
     """Made twice, the second one mirrored to x = 0 (slippers)."""
     motifs: tuple[MotifFrame, ...] = ()
     """Places for a drawing, of either reading; the usual one first."""
+    straps: tuple[StrapHole, ...] = ()
+    """Of a solid, the slots for its elastic, the wearer's right one first."""
     listed_mm: tuple[float, float] = (0.0, 0.0)
     """Clearance that the kind asks for: at least, and typically (median over the faces that look at the skin)."""
     parameters: Mapping[str, float] = field(default_factory=dict)
