@@ -2,24 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from cyclopts import App, Parameter
 
 from fabcraft.cli.console import painted, result, result_json, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
+from fabcraft.cli.wearer import ANYBODY, Wearer
 
 if TYPE_CHECKING:
     from fabcraft.body.body import Measured
-
-Units = Literal["mm", "cm", "m", "in"]
 
 PLAIN = Parameter(negative=(), show_default=False)
 """No --no-json beside --json; where a default matters the help names it."""
 
 printers = App("printers", help="List the printer profiles, or show one.")
-bodies = App("bodies", help="List the built-in bodies, or show one or a head scan.")
+bodies = App("bodies", help="List the built-in bodies, or show one or a scan.")
 for position, app in enumerate((bodies, printers)):
     app.default_parameter, app.help_epilogue, app.sort_key = PLAIN, "", 10 + position
 
@@ -119,7 +118,7 @@ def list_bodies(*, json: bool = False) -> int:
     more = (
         "One of other measures: fabcraft bodies show woman --measure wrist=160 --measure ring_finger=US7\n"
         "A character of another height: fabcraft bodies show dinosaur --height 1000\n"
-        "A head scan (STL, OBJ, PLY, GLB or 3MF) is a body too: fabcraft bodies show scan.ply"
+        "A scan (STL, OBJ, PLY, GLB or 3MF) of a head, hand, foot or body is a body too: fabcraft bodies show scan.ply"
     )
     result(f"{listed(rows)}\n\n{listed(figures)}\n\n{more}")
     return 0
@@ -130,10 +129,8 @@ def show_body(
     body: str,
     /,
     *,
-    measure: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    height: float | None = None,
+    wearer: Wearer = ANYBODY,
     contacts: str | None = None,
-    body_units: Units | None = None,
     picture: str | None = None,
     json: bool = False,
 ) -> int:
@@ -142,30 +139,19 @@ def show_body(
     Parameters
     ----------
     body
-        man, woman, teenager, child, toddler, a character, or the file of a head scan.
-    measure
-        What the body measures, again for more: wrist=158 in mm, or a size: ring_finger=US7 (ISO, US, CH, IT,
-        ES), foot=EU42 (or MP265), head=hat58 (or US7.25, UK7.125), hand_folded=IN2-6. Hands and feet have a
-        left and a right side: wrist_left=160.
-    height
-        Height of a character, mm; its own when left out.
+        man, woman, teenager, child, toddler, a character, or the file of a scan.
     contacts
         File of contacts (.toml, .json) to lay on the body: its regions then are shown, and its places checked.
-    body_units
-        Unit of the scan; proposed from its size when left out.
     picture
         Also write a picture of its parts with landmarks, regions and measured lines (.png).
     json
         Print JSON.
     """
-    from fabcraft.body.sizes import parse
-
     if picture is not None:
         require_png(picture, [body])
     from fabcraft.body.measures import folded_hands, measured
-    from fabcraft.wearer import find_body
 
-    whole = find_body(body, body_units or "", height or 0.0, parse(measure))
+    whole = wearer.found(body)
     if contacts is not None:
         from fabcraft.body.contacts import read_contacts, with_contacts
 

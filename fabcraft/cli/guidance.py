@@ -1,14 +1,16 @@
 """`fabcraft guidance`: what is understood of a drawing or a mesh, before anything is made of it."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fabcraft.cli.console import painted, result, result_json
+from fabcraft.cli.wearer import ANYBODY, Wearer
 from fabcraft.template.kinds import known
 
-Units = Literal["mm", "cm", "m", "in"]
+if TYPE_CHECKING:
+    from fabcraft.template.template import Template
 
 
 def guidance(
@@ -17,7 +19,7 @@ def guidance(
     *,
     template: str = "mask",
     body: str = "man",
-    body_units: Units | None = None,
+    wearer: Wearer = ANYBODY,
     show_input: str | None = None,
     json: bool = False,
 ) -> int:
@@ -33,11 +35,9 @@ def guidance(
     file
         A picture of a line drawing, or a mesh to look like.
     template
-        mask.
+        A name from fabcraft templates.
     body
-        man, woman, teenager, child, toddler, or the file of a head scan.
-    body_units
-        Unit of the scan; proposed from its size when left out.
+        A name from fabcraft bodies, or the file of a scan.
     show_input
         Also write a picture of what was understood of a drawing (.png).
     json
@@ -46,12 +46,14 @@ def guidance(
     known(template)
     if show_input is not None:
         require_png(show_input, [file, body])
+    from fabcraft.fitting_room import plain
     from fabcraft.read.mesh_file import FORMATS
 
+    base = plain(template, wearer.found(body))
     if Path(file).suffix.lower().removeprefix(".") in FORMATS:
-        told = _of_mesh(file, body, body_units)
+        told = _of_mesh(file, base)
     else:
-        told = _of_drawing(file, body, body_units, show_input)
+        told = _of_drawing(file, base, show_input)
     if json:
         result_json(told)
         return 0
@@ -62,23 +64,28 @@ def guidance(
     return 0
 
 
-def _of_drawing(file: str, body: str, units: str | None, picture: str | None) -> dict[str, Any]:
+def _of_drawing(file: str, base: "Template", picture: str | None) -> dict[str, Any]:
     from fabcraft.guidance.edges import understand
+    from fabcraft.guidance.motif import place_motif
     from fabcraft.guidance.placement import place
     from fabcraft.guidance.show import picture_of
     from fabcraft.read.image_file import read_image
-    from fabcraft.template.mask import mask
-    from fabcraft.wearer import find_body
+    from fabcraft.template.motif_plate import plate
 
     drawing = understand(read_image(file))
-    placed = place(drawing, mask(find_body(body, units or "")))
-    width, height = np.ptp(placed.outline, axis=0)
+    if base.kind == "sheet":
+        placed, scale, where = place(drawing, base), 1.0, ""
+    else:
+        frame, (across, down) = base.motifs[0], np.ptp(drawing.outline, axis=0)
+        sheet, space = plate(base, frame, None, float(across / down))
+        placed, scale, where = place_motif(drawing, sheet), space.scale, f" on the {frame.name}"
+    width, height = np.ptp(placed.outline, axis=0) / scale
     by = "eyes" if placed.by_eyes else "outline"
     counts = f"{len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
     told = {
         "route": [
             f"sketch {Path(file).name}, {drawing.width} x {drawing.height} pixels",
-            f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm",
+            f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm{where}",
         ],
         "understood": f"an outline, {counts}",
         "outline_closed": drawing.outline_closed,
@@ -90,28 +97,35 @@ def _of_drawing(file: str, body: str, units: str | None, picture: str | None) ->
     return told | ({} if picture is None else {"files": written_png(picture, picture_of(drawing))})
 
 
-def _of_mesh(file: str, body: str, units: str | None) -> dict[str, Any]:
-    from fabcraft.guidance.placement import PlacementSettings
-    from fabcraft.guidance.target import target_relief
+def _of_mesh(file: str, base: "Template") -> dict[str, Any]:
     from fabcraft.read.mesh_file import read_mesh
-    from fabcraft.template.mask import mask
-    from fabcraft.wearer import find_body
 
     mesh = read_mesh(file)
-    relief, said = target_relief(mesh, mask(find_body(body, units or "")), PlacementSettings())
-    width, height = np.ptp(relief.outline, axis=0)
-    return {
-        "route": [
-            f"guidance mesh {Path(file).name}, {len(mesh.faces):,} faces",
-            f"placed: {width:.0f} x {height:.0f} mm",
-        ],
-        "understood": f"an outline, {len(relief.openings)} openings",
+    told: dict[str, Any] = {
+        "route": [f"guidance mesh {Path(file).name}, {len(mesh.faces):,} faces"],
+        "understood": "a mesh",
         "outline_closed": True,
-        "holes": len(relief.openings),
+        "holes": 0,
         "strokes": 0,
         "residual": [],
-        "warnings": list(said),
+        "warnings": [],
     }
+    if base.kind == "sheet":
+        from fabcraft.guidance.placement import PlacementSettings
+        from fabcraft.guidance.target import target_relief
+
+        relief, said = target_relief(mesh, base, PlacementSettings())
+        width, height = np.ptp(relief.outline, axis=0)
+        told["route"].append(f"placed: {width:.0f} x {height:.0f} mm")
+        return told | {
+            "understood": f"an outline, {len(relief.openings)} openings",
+            "holes": len(relief.openings),
+            "warnings": list(said),
+        }
+    from fabcraft.guidance.alignment import aligned
+
+    told["route"].append(aligned(mesh, base.mesh).words)
+    return told
 
 
 def require_png(place: str, inputs: list[str]) -> None:

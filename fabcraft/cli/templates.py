@@ -1,7 +1,7 @@
 """`fabcraft templates`: the kinds of wearable, what can be set of them, and how they sit on a body."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
@@ -9,6 +9,7 @@ from fabcraft.cli.catalogue import PLAIN, listed, rounded, worded
 from fabcraft.cli.console import painted, result, result_json, say, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
 from fabcraft.cli.make import setting
+from fabcraft.cli.wearer import ANYBODY, Wearer
 from fabcraft.errors import InputError
 from fabcraft.template.kinds import KINDS, kind_of, known
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from fabcraft.body.body import Body
     from fabcraft.fitting_room import Tried
 
-Units = Literal["mm", "cm", "m", "in"]
 Repeated = Parameter(negative=(), show_default=False)
 
 templates = App("templates", help="List the kinds of wearable, show one, or try them on a body.")
@@ -49,9 +49,7 @@ def show_template(
     *,
     body: str = "man",
     set: Annotated[tuple[str, ...], Repeated] = (),
-    height: float | None = None,
-    measure: Annotated[tuple[str, ...], Repeated] = (),
-    body_units: Units | None = None,
+    wearer: Wearer = ANYBODY,
     json: bool = False,
 ) -> int:
     """Show what can be set of a template, and how it lies on a body before anything shapes it.
@@ -64,20 +62,14 @@ def show_template(
         A name from fabcraft bodies, or the file of a scan.
     set
         A parameter as name=value, again for more.
-    height
-        Height of a character, mm; its own when left out.
-    measure
-        What the person measures, again for more: wrist=158.
-    body_units
-        Unit of the scan; proposed from its size when left out.
     json
         Print JSON.
     """
     known(name)
     from fabcraft.fitting_room import plain
 
-    template = plain(name, _body(body, height, measure, body_units), dict(map(setting, set)))
-    told = {
+    template = plain(name, wearer.found(body), dict(map(setting, set)))
+    told: dict[str, Any] = {
         "template": name,
         "what": KINDS[name],
         "parameters": _parameters(name, template.parameters),
@@ -90,8 +82,9 @@ def show_template(
         "wall_mm": round(template.wall_mm, 2),
         "clearance_mm": dict(zip(("least", "usual"), map(_two, template.listed_mm), strict=True)),
         "rests_on": list(template.contacts),
-        "motif_frames": [
-            {"name": one.name, "size_mm": [_two(side) for side in one.size_mm]} for one in template.motifs
+        "frames": [
+            {"name": one.name, "shows": one.reading, "size_mm": [_two(side) for side in one.size_mm]}
+            for one in template.motifs
         ],
         "notes": [*template.notes, *template.body.notes],
     }
@@ -104,8 +97,7 @@ def show_template(
     frames = ", ".join(
         f"{one.name} ({one.size_mm[0]:.0f} x {one.size_mm[1]:.0f} mm)" for one in template.motifs
     )
-    least, usual = told["clearance_mm"].values()
-    rows += [("clearance mm", f"{least:g} at least, {usual:g} usually")]
+    rows += [("clearance mm", f"{template.listed_mm[0]:.2f} at least, {template.listed_mm[1]:.2f} usually")]
     rows += [("places for a motif", frames)] if frames else []
     lines = [painted(f"{name}: {KINDS[name]}", "bold"), "", table(rows)]
     if told["parameters"]:
@@ -119,9 +111,7 @@ def check_templates(
     *names: str,
     body: Annotated[tuple[str, ...], Repeated] = ("man",),
     set: Annotated[tuple[str, ...], Repeated] = (),
-    height: float | None = None,
-    measure: Annotated[tuple[str, ...], Repeated] = (),
-    body_units: Units | None = None,
+    wearer: Wearer = ANYBODY,
     picture: str | None = None,
     json: bool = False,
 ) -> int:
@@ -135,12 +125,6 @@ def check_templates(
         A name from fabcraft bodies, or the file of a scan; again for more. [default: man]
     set
         A parameter as name=value, again for more; with one template only.
-    height
-        Height of a character, mm; its own when left out.
-    measure
-        What the person measures, again for more: wrist=158.
-    body_units
-        Unit of the scan; proposed from its size when left out.
     picture
         Also write a picture of all of them as they are worn (.png).
     json
@@ -154,11 +138,11 @@ def check_templates(
         kind_of(chosen[0]).settled(settings)
     if picture is not None:
         require_png(picture, list(body))
-    wearers = [_body(name, height, measure, body_units) for name in body]
-    tried = [[_tried(name, wearer, settings) for name in chosen] for wearer in wearers]
+    wearers = [wearer.found(name) for name in body]
+    tried = [[_tried(name, one, settings) for name in chosen] for one in wearers]
     told: list[dict[str, Any]] = [
-        {"body": wearer.name, "templates": [row(*one) for one in zip(chosen, of_body, strict=True)]}
-        for wearer, of_body in zip(wearers, tried, strict=True)
+        {"body": one.name, "templates": [row(*pair) for pair in zip(chosen, of_body, strict=True)]}
+        for one, of_body in zip(wearers, tried, strict=True)
     ]
     if picture is not None:
         from fabcraft.write.wardrobe import wardrobe_picture
@@ -166,11 +150,11 @@ def check_templates(
         shown = [
             [one if isinstance(one, str) else (one.template, one.object) for one in line] for line in tried
         ]
-        image = wardrobe_picture(chosen, [wearer.name for wearer in wearers], shown)
+        image = wardrobe_picture(chosen, [one.name for one in wearers], shown)
         told[0]["files"] = written_png(picture, image)
     faults = [
-        f"{name} on {wearer.name}: {fault}"
-        for wearer, of_body in zip(wearers, tried, strict=True)
+        f"{name} on {who.name}: {fault}"
+        for who, of_body in zip(wearers, tried, strict=True)
         for name, one in zip(chosen, of_body, strict=True)
         if not isinstance(one, str)
         for fault in one.faults
@@ -178,11 +162,11 @@ def check_templates(
     if json:
         result_json(told[0] if len(told) == 1 else told)
     else:
-        rows = [cells(wearer["body"], one) for wearer in told for one in wearer["templates"]]
+        rows = [cells(of_body["body"], one) for of_body in told for one in of_body["templates"]]
         why = [
-            f"{one['template']} on {wearer['body']}: not applicable, {one['why']}"
-            for wearer in told
-            for one in wearer["templates"]
+            f"{one['template']} on {of_body['body']}: not applicable, {one['why']}"
+            for of_body in told
+            for one in of_body["templates"]
             if not one["applicable"]
         ]
         bad = [painted("fail", "fail") + f" {text}" for text in faults]
@@ -190,7 +174,7 @@ def check_templates(
     return 1 if faults else 0
 
 
-_APART = ("template", "what", "clearance_mm", "parameters", "motif_frames", "notes")
+_APART = ("template", "what", "clearance_mm", "parameters", "frames", "notes")
 _HEADING = ("template", "body", "faces", "genus", "tight", "crossing", "inside, mm", "clearance, mm", "wall, mm",
             "goes on", "seconds")  # fmt: skip
 
@@ -246,13 +230,6 @@ def cells(body: str, one: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _two(value: float) -> float:
     return round(float(value), 2)
-
-
-def _body(name: str, height: float | None, measure: tuple[str, ...], units: str | None) -> "Body":
-    from fabcraft.body.sizes import parse
-    from fabcraft.wearer import find_body
-
-    return find_body(name, units or "", height or 0.0, parse(measure))
 
 
 def _tried(name: str, body: "Body", settings: Mapping[str, float | str]) -> "Tried | str":

@@ -14,7 +14,7 @@ from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
-from fabcraft.road.shaped import Clock, Given, Shaped
+from fabcraft.road.shaped import Clock, Given, Shaped, finished
 from fabcraft.solid.thicken import SolidSettings, solidify
 from fabcraft.template.kinds import kind_of
 from fabcraft.template.mask import mask
@@ -64,10 +64,11 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     with clock.stage("solid"):
         least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
         solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
+        one, object_ = finished(solid.mesh, template, recipe)
     return Shaped(
         template=template,
-        object=solid.mesh,
-        worn=worn_solid(solid.mesh, template, distance),
+        object=object_,
+        worn=worn_solid(one, template, distance),
         drawing=None,
         stages=(("template", rest), ("fitted", made.mesh)),
         route=(*route, _how(made)),

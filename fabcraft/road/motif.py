@@ -12,9 +12,8 @@ from fabcraft.judge import motif_likeness, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
-from fabcraft.road.shaped import Clock, Given, Shaped
+from fabcraft.road.shaped import Clock, Given, Shaped, finished
 from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
-from fabcraft.solid.manifolds import to_manifold, to_mesh
 from fabcraft.solid.mount import mount
 from fabcraft.solid.slab import slab
 from fabcraft.template.kinds import kind_of
@@ -50,12 +49,12 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         keep_mm = max(template.listed_mm[0], 0.0)
         parts = (design.mesh, sheet, relief, space, template.mesh, distance)
         solid, alone = slab(*parts, keep_mm) if frame.depth_mm else mount(*parts, least_mm, keep_mm)
-        object_ = _paired(solid.mesh) if template.pair else solid.mesh
+        one, object_ = finished(solid.mesh, template, recipe)
     width, height = (placed.outline.max(0) - placed.outline.min(0)) / space.scale
     return Shaped(
         template=template,
         object=object_,
-        worn=worn_solid(solid.mesh, template, distance),
+        worn=worn_solid(one, template, distance),
         drawing=drawing,
         stages=_stages(template, space, design.stages),
         route=(
@@ -102,9 +101,3 @@ def _stages(
         faces = np.concatenate([template.mesh.faces, placed.faces + np.int32(len(template.mesh.vertices))])
         joined.append((label, Mesh(vertices, faces, template.name)))
     return tuple(joined)
-
-
-def _paired(mesh: Mesh) -> Mesh:
-    """The object and its mirror image to x = 0, as two bodies."""
-    other = Mesh(mesh.vertices * [-1.0, 1.0, 1.0], mesh.faces[:, ::-1].copy(), mesh.name)
-    return to_mesh(to_manifold(mesh) + to_manifold(other), mesh.name)

@@ -11,6 +11,9 @@ from fabcraft.check.inspect import Worn
 from fabcraft.check.report import Finding, Value
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.mesh import Mesh
+from fabcraft.recipe import Recipe
+from fabcraft.solid.manifolds import to_manifold, to_mesh
+from fabcraft.solid.slots import with_straps
 from fabcraft.template.template import Template
 
 Tell = Callable[[str, int, int], None]
@@ -49,6 +52,18 @@ class Clock:
         self.seconds[name] = time.perf_counter() - start
         if self.tell is not None:
             self.tell(name, 1, 1)
+
+
+def finished(solid: Mesh, template: Template, recipe: Recipe) -> tuple[Mesh, Mesh]:
+    """(the solid with its strap slots, all of the object: of a pair both, the second mirrored to x = 0).
+
+    Raises `SolidError` when a slot misses the solid.
+    """
+    one = with_straps(solid, template.straps if recipe.strap_slots else ())
+    if not template.pair:
+        return one, one
+    other = Mesh(one.vertices * [-1.0, 1.0, 1.0], one.faces[:, ::-1].copy(), one.name)
+    return one, to_mesh(to_manifold(one) + to_manifold(other), one.name)
 
 
 @dataclass(frozen=True, eq=False)
