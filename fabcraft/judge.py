@@ -151,7 +151,10 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
     firm = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
     surface = SurfaceDistance(solid)
     rest = [_nearest(surface, body.mesh.vertices[region.vertex_indices]) for region in firm]
-    gaps = [np.full(len(points), template.listed_mm[0]) for points in rest]
+    gaps = [
+        _allowed(surface, points, template.listed_mm[0], one.gap_mm)
+        for points, one in zip(rest, firm, strict=True)
+    ]
     through = None if template.path is None else template.path.through
     pressed = max([-region.never_closer_mm for region in firm], default=0.0)
     return Worn(
@@ -171,6 +174,13 @@ def _nearest(surface: SurfaceDistance, points: Float64[np.ndarray, "N 3"]) -> Fl
     """The tenth of `points` that is nearest to `surface`, at least three of them."""
     order = np.argsort(surface.closest(points).distances, kind="stable")
     return points[order[: max(3, len(points) // 10)]]
+
+
+def _allowed(
+    surface: SurfaceDistance, points: Float64[np.ndarray, "M 3"], least_mm: float, most_mm: float
+) -> Float64[np.ndarray, " M"]:
+    """The gap that each contact may have, nearest to the one it has: what is between the two misses nothing."""
+    return np.clip(surface.closest(points).distances, least_mm, max(least_mm, most_mm))
 
 
 def motif_likeness(plate_solid: Mesh, plate: Template, relief: Relief) -> dict[str, float]:

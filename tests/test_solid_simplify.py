@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from fabcraft.errors import SolidError
+from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
-from fabcraft.solid.crossing import self_intersecting_faces
 from fabcraft.solid.manifolds import try_manifold
 from fabcraft.solid.simplify import reduce_faces, simplify
 

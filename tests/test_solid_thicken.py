@@ -6,11 +6,11 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from fabcraft.errors import InputError, SolidError
+from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import split_edges
 from fabcraft.geometry.voxels import samples
 from fabcraft.mesh import Mesh
-from fabcraft.solid.crossing import self_intersecting_faces
 from fabcraft.solid.manifolds import try_manifold
 from fabcraft.solid.sheet import SheetSide
 from fabcraft.solid.thicken import SolidSettings, solidify

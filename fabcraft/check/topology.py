@@ -15,13 +15,13 @@ from jaxtyping import Bool, Float64, Int64
 
 from fabcraft.check.edges import Edges, components, edges_of, genus_of, orientation_of, parts_of, welded
 from fabcraft.check.report import Finding, Place, Severity, could_not_run, places
+from fabcraft.errors import MissingError
+from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.mesh import Mesh
 
 # Intersecting faces whose area stays below this are smaller than a printed bead's footprint shows.
 _HARMLESS_MM2 = 1.0
 _FLAT_MM = 1e-6
-_ASKEW = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3.0
-"""A rotation that no surface is aligned with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,22 +209,11 @@ def _run_places(edges: Edges, lone: np.ndarray, middles: np.ndarray) -> Float64[
 
 def _crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
     """Mask of the faces that cross another one; None without pymeshlab."""
-    try:
-        import pymeshlab
-    except ImportError:
-        return None
-    if len(faces) == 0:
-        return np.zeros(0, dtype=bool)
     found = np.zeros(len(faces), dtype=bool)
-    # neighbours in one plane may seem to cross, by rounding: what crosses does so however it is turned
-    for turn in (np.eye(3), _ASKEW):
-        meshes = pymeshlab.MeshSet(verbose=False)
-        meshes.add_mesh(pymeshlab.Mesh((vertices - vertices.mean(0)) @ turn, faces.astype(np.int32)))
-        meshes.compute_selection_by_self_intersections_per_face()
-        crossing = np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
-        found = crossing if turn is not _ASKEW else found & crossing
-        if not found.any():
-            break
+    try:
+        found[self_intersecting_faces(Mesh(vertices, faces.astype(np.int32)))] = True
+    except MissingError:
+        return None
     return found
 
 

@@ -1,6 +1,7 @@
 """The road of a solid template: the drawing is a motif, fitted as a plate in one of its frames and made one with it."""
 
 import numpy as np
+import trimesh
 
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
@@ -20,6 +21,10 @@ from fabcraft.template.kinds import kind_of
 from fabcraft.template.motif_plate import plate
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import MotifFrame, Template
+
+_BALL = trimesh.creation.icosphere(1)
+_NOBODY = Mesh(_BALL.vertices + [0.0, 1e4, 0.0], _BALL.faces.astype(np.int32), "nobody")
+"""Far behind any picture."""
 
 
 def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
@@ -42,12 +47,14 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         placed = place_motif(drawing, sheet, recipe.placement, space.scale)
         relief = inflate(placed, sheet, recipe.inflate)
     with clock.stage("fit"):
-        near = SurfaceDistance(space.seen(template.body.mesh))
+        # an even plate knows no body: what is in its way is taken out of the solid
+        even = frame.depth_mm > 0.0 and not frame.follows
+        near = SurfaceDistance(_NOBODY if even else space.seen(template.body.mesh))
         design = fitted(recipe, sheet, relief, near, clock.tell)
     with clock.stage("solid"):
         least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
         keep_mm = max(template.listed_mm[0], 0.0)
-        parts = (design.mesh, sheet, relief, space, template.mesh, distance)
+        parts = (design.mesh, sheet, relief, space, frame.carrier or template.mesh, distance)
         solid, alone = slab(*parts, keep_mm) if frame.depth_mm else mount(*parts, least_mm, keep_mm)
         one, object_ = finished(solid.mesh, template, recipe)
     width, height = (placed.outline.max(0) - placed.outline.min(0)) / space.scale

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from fabcraft.errors import SolidError
+from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.isotropic import isotropic_within
 from fabcraft.mesh import Mesh
-from fabcraft.solid.crossing import self_intersecting_faces
 from fabcraft.solid.manifolds import to_manifold, to_mesh, try_manifold
 
 _SHARES = (1.0, 0.96, 0.92, 0.88, 0.84, 0.8, 0.5, 0.25, 0.125)

@@ -56,7 +56,7 @@ def slab(
     sheet : the fitted front, picture units.  body : of the wearer, mm.  Raises `SolidError` when no closed manifold
     comes out.
     """
-    depth = max(space.scale * space.frame.depth_mm, plate.wall_mm)
+    depth = space.scale * space.frame.depth_mm
     shape = _Shape.of(sheet, plate, relief, depth, min(_ROUND_MM * space.scale, _ROUND_SHARE * depth))
     keep = [(SurfaceDistance(space.seen(body.mesh)), space.scale * clearance_mm)]
     if space.frame.free is not None:
@@ -91,8 +91,9 @@ class _Shape:
     """Signed distance to the drawn outline and openings, positive outside."""
     front: Float64[np.ndarray, "H W"]
     """Height of the front, going on beyond the outline."""
+    back: Float64[np.ndarray, "H W"]
+    """Height of the back, which knows nothing of what swells in front."""
     detail: Callable[[Float64[np.ndarray, "N 2"]], Float64[np.ndarray, " N"]]
-    depth: float
     radius: float
 
     @staticmethod
@@ -110,23 +111,24 @@ class _Shape:
         known = np.isfinite(heights)
         nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
         front = heights[tuple(nearest)] + half
-        return _Shape(plane, np.where(inside, -away, away) - half, front, relief.detail_at, depth, radius)
+        back = plate.front.base_at(centres).reshape(inside.shape) + half - depth
+        return _Shape(plane, np.where(inside, -away, away) - half, front, back, relief.detail_at, radius)
 
     def __call__(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         """Negative inside."""
         flat = points[:, [0, 2]]
         beside = self.plane.sample(self.outside, flat)
         before = -points[:, 1] - self.plane.sample(self.front, flat) - self.detail(flat)
-        behind = points[:, 1] - self.depth
+        behind = points[:, 1] + self.plane.sample(self.back, flat)
         return smooth_common(np.maximum(before, behind), beside, 2.0 * self.radius)
 
     def bounds(self, margin: float) -> Float64[np.ndarray, "2 3"]:
         """A box around the plate."""
         x, z = self.plane.centres()
         within = self.outside < 0.0
-        top = float(self.front[within].max()) + 6.0
+        top, deep = float(self.front[within].max()) + 6.0, float(self.back[within].min())
         lower = np.array([x[within].min(), -top, z[within].min()]) - margin
-        return np.stack([lower, np.array([x[within].max(), self.depth, z[within].max()]) + margin])
+        return np.stack([lower, np.array([x[within].max(), -deep, z[within].max()]) + margin])
 
 
 def _rim_points(flat: Float64[np.ndarray, "V 2"], faces: np.ndarray) -> Float64[np.ndarray, "N 2"]:

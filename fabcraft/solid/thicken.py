@@ -17,12 +17,12 @@ import manifold3d
 import numpy as np
 
 from fabcraft.errors import InputError, SolidError
+from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import split_edges
 from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh
 from fabcraft.solid.carve import carve, clearance_min_mm
-from fabcraft.solid.crossing import self_intersecting_faces
 from fabcraft.solid.manifolds import part_count, to_manifold, to_mesh, try_manifold, union, without_specks
 from fabcraft.solid.patches import Kind, Piece, pieces
 from fabcraft.solid.repair import clean, repair

@@ -24,6 +24,7 @@ from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.limb import Axes, Station, along, centred, facing, loft, poses, station, straight
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
+from fabcraft.template.whole import profile
 
 EDGE_MM, WALL_MM, LEAST_WALL_MM, WIDTH_MM = 1.4, 3.0, 1.6, 14.0
 WRIST_MM = 174.0
@@ -108,7 +109,7 @@ def build(body: Body, settings: Settings) -> Template:
         donning=tuple(wrist.axes[2].tolist()),
         path=made.path,
         locked=made.locked,
-        motifs=(_band(made.rolled, wrist),),
+        motifs=(_band(made.rolled, wrist), _whole(made, wrist)),
         listed_mm=made.listed_mm,
         parameters={"width": wrist.width, "thickness": wrist.wall, **made.parameters},
         notes=(made.note,),
@@ -349,6 +350,12 @@ def _band(rolled: Rolled, wrist: _Wrist) -> MotifFrame:
     top = rolled.world(np.array([[0.0, 0.0, height]]))[0]
     size = (0.4 * rolled.oval.grown(height).length, 1.6 * wrist.width)
     return MotifFrame("band", top, left, -along, size, 8.0 * wrist.scale, (rolled.middle, -along))
+
+
+def _whole(made: _Made, wrist: _Wrist) -> MotifFrame:
+    """The bangle seen along the arm, from the hand, the back of the hand up."""
+    _, back, along = made.rolled.axes
+    return profile(made.mesh, made.rolled.middle, along, back, wrist.wall, 18.0 * wrist.scale)
 
 
 KIND = Kind(

@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.ndimage import gaussian_filter1d
-from scipy.spatial import ConvexHull
 
 from fabcraft.body.body import Body, fan_closed
 from fabcraft.errors import InputError
 from fabcraft.geometry.contour import inside
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.isotropic import isotropic, reflected
+from fabcraft.geometry.isotropic import reflected
 from fabcraft.geometry.oval import SAMPLES, Oval
 from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.lenses import SHAPES, FrontSizes, Outline, blank, lens_outline
 from fabcraft.template.melt import melted
+from fabcraft.template.nose_pad import rounded_block
 from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
@@ -333,49 +333,7 @@ def _pad(face: _Face, front: _Front, edge: float) -> Mesh:
     for height in (v + 4.0 * k, v - 2.0 * k):
         lens_u = float(np.interp(height, *nasal[np.argsort(nasal[:, 1])].T[::-1]))
         held.append(front.world(lens_u - 0.5 * front.sizes.rim, height, -0.75 * front.thick))
-    ball = _ball(radius)
-    cloud = (np.concatenate([touching, np.stack(held)])[:, None] + ball).reshape(-1, 3)
-    hull = ConvexHull(cloud)
-    used = np.unique(hull.simplices)
-    faces = np.searchsorted(used, hull.simplices)
-    points = cloud[used]
-    inward = (
-        np.einsum(
-            "ij,ij->i",
-            np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]),
-            hull.equations[:, :3],
-        )
-        < 0.0
-    )
-    faces[inward] = faces[inward][:, ::-1]
-    block = isotropic(Mesh(points, faces.astype(np.int32), "pad"), 0.7 * edge)
-    vertices = _softened(block, 6)
-    for _ in range(4):
-        signed, gradient = face.skin.signed_with_gradient(vertices)
-        vertices = vertices + np.maximum(room - signed, 0.0)[:, None] * gradient
-    return block.with_vertices(vertices)
-
-
-def _softened(mesh: Mesh, rounds: int) -> Float64[np.ndarray, "V 3"]:
-    """The vertices after so many moves half-way to the middle of their neighbours: edges become round."""
-    ends = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    degree = np.bincount(ends[:, 0], minlength=len(mesh.vertices))[:, None]
-    vertices = mesh.vertices
-    for _ in range(rounds):
-        total = np.stack(
-            [np.bincount(ends[:, 0], vertices[ends[:, 1], k], len(vertices)) for k in range(3)], 1
-        )
-        vertices = 0.5 * (vertices + total / degree)
-    return vertices
-
-
-def _ball(radius: float) -> Float64[np.ndarray, "N 3"]:
-    """Points of a small ball, evenly spread."""
-    count = 60
-    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    across = np.sqrt(1.0 - z**2)
-    return radius * np.stack([across * np.cos(turn), across * np.sin(turn), z], 1)
+    return rounded_block(np.concatenate([touching, np.stack(held)]), radius, face.skin, room, 0.7 * edge)
 
 
 def _behind(mesh: Mesh, front: _Front) -> Bool[np.ndarray, " F"]:
@@ -386,7 +344,7 @@ def _behind(mesh: Mesh, front: _Front) -> Bool[np.ndarray, " F"]:
 
 
 def _frames(front: _Front, scale: float) -> tuple[MotifFrame, ...]:
-    """The whole front with its lens openings, and the brow above the bridge."""
+    """The brow above the bridge for a motif; the whole front with its lens openings, to be drawn."""
     sizes = front.sizes
     up = front.rolled.axes[2]
     right = np.array([1.0, 0.0, 0.0])
@@ -403,6 +361,7 @@ def _frames(front: _Front, scale: float) -> tuple[MotifFrame, ...]:
         12.0 * scale,
         axis,
         lenses,
+        depth_mm=front.thick,
     )
     top = float(front.outline[-1, 1])
     brow = MotifFrame(
@@ -414,7 +373,7 @@ def _frames(front: _Front, scale: float) -> tuple[MotifFrame, ...]:
         15.0 * scale,
         axis,
     )
-    return whole, brow
+    return brow, whole
 
 
 _HEIGHTS: Mapping[str, float] = {"panto": 0.76, "round": 0.95, "square": 0.72, "cat-eye": 0.72}

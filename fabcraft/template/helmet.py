@@ -29,6 +29,7 @@ from fabcraft.template.headwear import (
 )
 from fabcraft.template.lining import Lining, Pad, covered_bounds, pad_gap_mm, resting
 from fabcraft.template.template import MotifFrame, Parameter, Template
+from fabcraft.template.whole import crest
 
 EDGE_MM, WALL_MM, BRIM_MM, PEAK_MM = 4.0, 3.0, 3.0, 10.0
 ROOM_MM = {"padded": 6.0, "show": 3.0}
@@ -170,7 +171,7 @@ def build(body: Body, settings: Settings) -> Template:
         path=lifted_off(part, mesh.vertices, axis, "a rigid shell; hair and skin give a little"),
         locked=inside,
         mirrored=True,
-        motifs=_motifs(shell),
+        motifs=(*_motifs(shell), crest(mesh, max(8.0 * s, 2.0 * wall), 60.0 * s)),
         listed_mm=(promised if padded else room, room),
         parameters={"size": size, "fit": room, "wall": wall, "brim": brim, "peak": peak}
         | {"pads": float(padded), "window": float(windowed)},

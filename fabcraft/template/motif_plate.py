@@ -20,9 +20,13 @@ SIZE = 120.0
 THICKNESS = 4.5
 """Of the plate, in picture units: also twice the radius of its rims, and what an arm of a star must exceed."""
 EDGE = 2.6
+_RIMS = 2.2
+"""How much larger an object is worked on whose rims are narrow: glasses."""
 _RIM_ROUNDNESS = 0.7
-_DEEP = 30.0
-"""What lies farther behind the frame is another part of the object (a necklace behind its pendant)."""
+_OVER_MM = 1.0
+"""How far the front of a drawn object that follows the surface stands out of it."""
+_DEEP, _PROUD = 30.0, 12.0
+"""What lies farther behind or before the frame is another part of the object (a necklace behind its pendant)."""
 
 
 def plate(
@@ -42,10 +46,15 @@ def plate(
             f"a motif of {wanted:g} mm was asked for the {frame.name} of the {template.name}",
             f"Choose {0.2 * fitting:.0f} to {room:.0f} mm.",
         )
-    space = PictureSpace(frame, SIZE / wanted)
-    half = 0.5 * SIZE * shape
+    size = SIZE if len(frame.openings) < 2 or not frame.depth_mm else _RIMS * SIZE
+    space = PictureSpace(frame, size / wanted)
+    half = 0.5 * size * shape
     carrier = space.seen(template.mesh)
-    front = _even(half) if frame.depth_mm else _front(carrier, half)
+    if frame.depth_mm and not frame.follows:
+        front = _even(half)
+    else:
+        above = space.scale * _OVER_MM if frame.depth_mm else THICKNESS
+        front = _front(carrier, half, above - 0.5 * THICKNESS)
     openings = [space.scale * opening for opening in frame.openings] if frame.depth_mm else []
     flat = triangulate([_outline(half), *openings], EDGE)
     sheet = Mesh(
@@ -92,22 +101,18 @@ def _grid(half: np.ndarray) -> Plane:
     return Plane(-reach, reach, 2.0, int(reach), int(reach))
 
 
-def _front(carrier: Mesh, half: np.ndarray) -> FrontSurface:
-    """The height fields over the carrier's surface."""
+def _front(carrier: Mesh, half: np.ndarray, above: float) -> FrontSurface:
+    """The height fields over the carrier's surface, `above` which the middle of the plate's wall lies at least."""
     plane = _grid(half)
     skin = front_heights(carrier, plane)
-    near = (
-        np.isfinite(skin) & (skin > skin[np.isfinite(skin)].max() - _DEEP)
-        if np.isfinite(skin).any()
-        else None
-    )
-    if near is None or not near.any():
+    # what stands out far before the frame (a brim under a band) is no more its ground than what lies far behind
+    near = np.isfinite(skin) & (skin > -_DEEP) & (skin < _PROUD)
+    if not near.any():
         raise InputError("there is nothing of the template behind this motif frame", "Choose another frame.")
     x, z = plane.centres()
     inside = (np.abs(x) < half[0]) & (np.abs(z) < half[1])
-    # the plate's middle lies half its thickness above the surface, so that all of it stands out
-    floor = np.where(near, skin + 0.5 * THICKNESS, -np.inf)
-    wanted = np.where(near, floor, 0.5 * THICKNESS)
+    floor = np.where(near, skin + above, -np.inf)
+    wanted = np.where(near, floor, above)
     pull = np.where(near & inside, 0.5, 0.02)
     sheet = smoothest_over(floor, wanted, pull, plane.pixel_mm, 14.0, 60.0)
     base = lifted_over(sheet, floor, plane.pixel_mm, 4.0)

@@ -22,14 +22,13 @@ from fabcraft.mesh import Mesh
 from fabcraft.template.band import Profile, closed_band, open_band
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.limb import Axes, Station, loft, poses, station
-from fabcraft.template.melt import melted
-from fabcraft.template.plate import Rim, plate
+from fabcraft.template.pendant import Hanger, with_pendant
 from fabcraft.template.rolled import Rolled
-from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
+from fabcraft.template.template import DonningPath, Parameter, Template
 
 EDGE_MM, TUBE_MM, LEAST_TUBE_MM, DROP_MM = 2.2, 6.0, 2.4, 30.0
-ROUND_MM, RESTING_MM, BEHIND_PENDANT_MM = 4.0, 0.5, 1.0
-"""Clearance all round, where it rests, and behind the pendant."""
+ROUND_MM, RESTING_MM = 4.0, 0.5
+"""Clearance all round, and where it rests."""
 SIZES: Mapping[str, float] = {"collar": 318.0, "choker": 380.0, "princess": 455.0, "matinee": 560.0}
 """Inner length of the usual sizes, mm: the middle of each range."""
 NECK_MM = 400.0
@@ -37,6 +36,8 @@ NECK_MM = 400.0
 _BASE = 1.32
 """Girth of the base of the neck over that of the neck: a flatter plane would cut into the shoulders."""
 _TILTS_DEG = (20.0, 25.0, 30.0, 35.0, 40.0, 45.0)
+_RESTS = ("collarbone_left", "collarbone_right", "nape_low")
+"""Where it rests; an open one leaves the nape free."""
 _TALL = 4.0 / 3.0
 """Height of the tube's section over its thickness."""
 _ABOVE_NOTCH_MM, _RISE_MM, _RISES = 5.0, 4.0, 14
@@ -102,24 +103,24 @@ def build(body: Body, settings: Settings) -> Template:
         gap, path = 0.0, _over_the_head(neck, rolled)
         tube, _ = closed_band(rolled, _profile(neck), edge, KIND.name)
     drop = float(chosen.get("drop", DROP_MM * neck.scale))
-    mesh, frame = _with_pendant(neck, rolled, tube, drop, edge)
+    thick = max(0.75 * neck.tube, LEAST_TUBE_MM)
+    hanger = Hanger(neck.part, rolled, tube, neck.tube, neck.tall, thick, neck.scale)
+    mesh, frames = with_pendant(hanger, drop, edge, KIND.name)
     return Template(
         name=KIND.name,
         body=neck.part,
         mesh=mesh,
         rims=(),
         surface=None,
-        wall_mm=neck.tube if drop == 0.0 else min(neck.tube, _pendant_mm(neck)),
+        wall_mm=neck.tube if drop == 0.0 else min(neck.tube, thick),
         genus=0 if open_ else 1,
-        contacts=tuple(
-            n for n in ("collarbone_left", "collarbone_right", "nape_low") if n in neck.part.regions
-        ),
+        contacts=tuple(name for name in _RESTS[: 2 if open_ else 3] if name in neck.part.regions),
         edge_mm=edge,
         donning=(0.0, -1.0, 0.0) if open_ else (0.0, 0.0, 1.0),
         path=path,
         locked=_inner(mesh, rolled, neck),
         mirrored=True,
-        motifs=(frame,),
+        motifs=frames,
         listed_mm=(neck.part.clearance_mm(RESTING_MM), play),
         parameters={"tube": neck.tube, "drop": drop, "size": rolled.oval.length, "gap": gap},
         notes=(
@@ -387,56 +388,6 @@ def _breadth(neck: _Neck, z: float, axis: Float64[np.ndarray, "3"]) -> float:
     root, mesh = neck.at["neck_root"], neck.part.mesh
     heights = z + 0.5 * neck.tall * np.array([-1.0, 1.0])
     return max(station(mesh, root + (one - root[2]) * axis, _LEVEL).oval.width(0.0) for one in heights)
-
-
-def _pendant_mm(neck: _Neck) -> float:
-    """Thickness of the pendant."""
-    return max(0.75 * neck.tube, LEAST_TUBE_MM)
-
-
-def _with_pendant(
-    neck: _Neck, rolled: Rolled, tube: Mesh, drop: float, edge: float
-) -> tuple[Mesh, MotifFrame]:
-    """The tube with its pendant, and the place for the motif; without one that is the front of the tube."""
-    right = np.array([1.0, 0.0, 0.0])
-    if drop == 0.0:
-        front = rolled.world(np.array([[0.0, 0.0, neck.tube]]))[0]
-        size = (30.0 * neck.scale, 24.0 * neck.scale)
-        return tube, MotifFrame("pendant", front, right, rolled.axes[2], size, 8.0 * neck.scale)
-    thick, width = _pendant_mm(neck), 35.0 / 30.0 * drop
-    hook = rolled.world(np.array([[0.0, 0.0, 0.5 * neck.tube]]))[0]
-    up = _hanging(neck, hook, 0.6 * thick, width, drop + 0.5 * neck.tall)
-    out = np.cross(right, up)
-    middle = hook - (0.5 * drop + 0.2 * neck.tall) * up
-    turn = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
-    outline = 0.5 * np.stack([width * np.cos(turn), drop * np.sin(turn)], 1)
-    rim = 0.45 * thick
-    flat = plate([outline], thick, [Rim(rim, rim)], edge)
-    u, v, w = flat.points.T
-    domed = (w - 0.5 * thick) * (1.0 + 0.2 * (1.0 - (2.0 * u / width) ** 2 - (2.0 * v / drop) ** 2))
-    places = middle + np.outer(u, right) + np.outer(v, up) + np.outer(domed, out)
-    mesh = melted(tube, Mesh(places, flat.faces), 0.6 * neck.tube, edge, KIND.name)
-    outer = middle + 0.6 * thick * out
-    return mesh, MotifFrame("pendant", outer, right, up, (width, drop), 10.0 * neck.scale)
-
-
-def _hanging(
-    neck: _Neck, hook: Float64[np.ndarray, "3"], half: float, width: float, length: float
-) -> Float64[np.ndarray, "3"]:
-    """The upward direction of a pendant that hangs as near to upright as the chest lets it.
-
-    half : half its thickness.
-    """
-    away = neck.part.mesh.vertices - hook
-    near = (np.abs(away[:, 0]) < 0.5 * width + 2.0) & (away[:, 2] < 0.0) & (away[:, 2] > -1.2 * length)
-    off = half + neck.part.clearance_mm(BEHIND_PENDANT_MM)
-    up = np.array([0.0, 0.0, 1.0])
-    for lean in np.radians(np.arange(0.0, 66.0, 1.0)):
-        up = np.array([0.0, np.sin(lean), np.cos(lean)])
-        under = near & (away @ up > -length)
-        if not under.any() or float((away[under] @ np.array([0.0, -up[2], up[1]])).max()) < -off:
-            break
-    return up
 
 
 def _inner(mesh: Mesh, rolled: Rolled, neck: _Neck) -> Bool[np.ndarray, " F"]:

@@ -33,6 +33,7 @@ from fabcraft.template.limb import (
 )
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
+from fabcraft.template.whole import profile
 
 EDGE_MM, WALL_MM, LEAST_WALL_MM, WIDTH_MM = 0.6, 1.8, 1.6, 6.0
 FINGER_MM = 63.5
@@ -72,8 +73,8 @@ def build(body: Body, settings: Settings) -> Template:
     edge = EDGE_MM * float(np.clip(scale, 0.4, 1.0))
 
     def band(oval: Oval) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
-        profile = _profile(oval.length, width, wall, bezel, taper)
-        return closed_band(Rolled(origin, axes, oval), profile, edge, KIND.name)
+        section = _profile(oval.length, width, wall, bezel, taper)
+        return closed_band(Rolled(origin, axes, oval), section, edge, KIND.name)
 
     rolled = Rolled(origin, axes, oval)
     through = loft(over, "finger with the knuckle that was taped") if "knuckle" in chosen else None
@@ -94,7 +95,7 @@ def build(body: Body, settings: Settings) -> Template:
         donning=tuple(axes[2].tolist()),
         path=path,
         locked=locked,
-        motifs=(_bezel(rolled, width, wall + bezel, scale),),
+        motifs=(_bezel(rolled, width, wall + bezel, scale), _whole(mesh, rolled, wall, scale)),
         listed_mm=(gap, max(gap + 0.2, (oval.length - seat_mm) / (2.0 * np.pi))),
         parameters={
             "width": width,
@@ -207,6 +208,11 @@ def _bezel(rolled: Rolled, width: float, height: float, scale: float) -> MotifFr
     left, _, ahead = rolled.axes
     top = rolled.world(np.array([[0.0, 0.0, height]]))[0]
     return MotifFrame("bezel", top, -left, ahead, (11.0 * scale, max(width, 8.0 * scale)), 4.0 * scale)
+
+
+def _whole(mesh: Mesh, rolled: Rolled, wall: float, scale: float) -> MotifFrame:
+    """The ring seen from the tip of the finger, the back of the hand up."""
+    return profile(mesh, rolled.middle, rolled.axes[2], rolled.axes[1], wall, 6.0 * scale)
 
 
 KIND = Kind(

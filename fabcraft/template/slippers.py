@@ -21,6 +21,7 @@ from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.footprint import Frame, Last, Points, last, standing
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
+from fabcraft.template.whole import sole as seen_from_above
 
 EDGE_MM, WALL_MM, LEAST_WALL_MM = 3.6, 2.4, 1.6
 FOOT_MM = 271.0
@@ -179,13 +180,23 @@ def build(body: Body, settings: Settings) -> Template:
         path=DonningPath(poses, 1.0 if part.kind != "character" else 0.2, "a soft upper and the foot give"),
         locked=inside,
         pair=True,
-        motifs=_motifs(slipper, frame),
+        motifs=(
+            *_motifs(slipper, frame),
+            seen_from_above(mesh, frame.axes[1], _under_the_foot(slipper, made), 20.0 * s),
+        ),
         listed_mm=(part.clearance_mm(0.0), room),
         parameters={"size": size, "fit": room, "wall": wall, "sole": sole, "toe": toe, "cover": cover},
         notes=(
             f"The slippers are for feet {size:.0f} mm long: EU {(size + 12.5) * 0.15:.1f}, Mondopoint {size:.0f}.",
         ),
     )
+
+
+def _under_the_foot(slipper: _Slipper, made: Mesh) -> float:
+    """How high above the ground a sole may be that no foot meets on its way in, mm."""
+    along = np.linspace(0.0, slipper.last.length, 9)
+    bed = slipper.floor(np.column_stack([np.zeros(9), along, np.zeros(9)]))
+    return float(bed.min() - made.bounds[0, 2]) - 0.5
 
 
 def _size(size: float | str | None, own: float) -> float:

@@ -71,8 +71,12 @@ class MotifFrame:
     """Contours (right, up) from the middle of the picture, mm, that stay open: lenses, the wearer's right one first."""
     depth_mm: float = 0.0
     """0: a motif lies on the surface.  Else the drawing is the object itself in this view: an even plate, this thick."""
+    follows: bool = False
+    """A drawn object follows the template's surface, instead of lying in the picture."""
     free: Mesh | None = None
     """What a drawn object must leave free, mm: the hollow of a helmet."""
+    carrier: Mesh | None = None
+    """What a drawn object is made one with instead of the template, mm: a necklace without its pendant."""
 
     @property
     def reading(self) -> Literal["object", "motif"]:

@@ -209,7 +209,7 @@ def build(body: Body, settings: Settings) -> Template:
         path=lifted_off(part, mesh.vertices, axis, "the band and the skin give a little"),
         locked=inside & _on_band(visor, mesh),
         mirrored=True,
-        motifs=(_front(visor),),
+        motifs=_motifs(visor),
         straps=_straps(visor),
         listed_mm=(pad_gap_mm(head)[0], room),
         parameters={"size": size, "fit": room, "wall": wall, "band": band, "brim": brim}
@@ -351,15 +351,24 @@ def _straps(visor: _Visor) -> tuple[StrapHole, ...]:
     return tuple(found)
 
 
-def _front(visor: _Visor) -> MotifFrame:
-    """Before the band, rolled around the head."""
+def _motifs(visor: _Visor) -> tuple[MotifFrame, ...]:
+    """Before the band, rolled around the head: for a motif, and for a drawn crown that rises from the band."""
     head, s = visor.head, visor.head.scale
     centre = head.middle - ((head.middle - visor.middle) @ visor.axis) * visor.axis
     ahead = np.cross(visor.axis, _LEFT)
     origin = met(visor.outer, centre + 0.15 * visor.band * visor.axis, -ahead, 300.0 * s)
-    return MotifFrame(
+    front = MotifFrame(
         "front", origin, _LEFT, visor.axis, (2.2 * visor.band, visor.band), 60.0 * s, (centre, visor.axis)
     )
+    crown = replace(
+        front,
+        name="crown",
+        origin=origin + 0.55 * visor.band * visor.axis,
+        size_mm=(4.4 * visor.band, 2.1 * visor.band),
+        depth_mm=visor.wall + 1.0,
+        follows=True,
+    )
+    return front, crown
 
 
 KIND = Kind(
