@@ -28,6 +28,7 @@ from fabcraft.template.plate import Rim, plate
 from fabcraft.template.rolled import Rolled
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 from fabcraft.template.temples import Temple, Way, temple
+from fabcraft.template.whole import PROUD_MM
 
 EDGE_MM = 1.4
 PD_MM = 64.0
@@ -354,14 +355,14 @@ def _frames(front: _Front, scale: float) -> tuple[MotifFrame, ...]:
     axis = (front.rolled.origin, up)
     whole = MotifFrame(
         "front",
-        front.world(0.0, float(middle), 0.0),
+        front.world(0.0, float(middle), PROUD_MM),
         right,
         up,
         (2.0 * sizes.half_width, float(high - low)),
         12.0 * scale,
         axis,
         lenses,
-        depth_mm=front.thick,
+        depth_mm=front.thick + 2.0 * PROUD_MM,
     )
     top = float(front.outline[-1, 1])
     brow = MotifFrame(

@@ -11,6 +11,8 @@ from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import MotifFrame
 
+PROUD_MM = 0.3
+"""How far a drawn object stands out of the template's flat sides: faces in one plane would leave slivers."""
 _TURNS, _SECTORS = 240, 11
 _OVER, _UPRIGHT = 1.0, 0.8
 """Length of a crest over the shell's, and its height over its length."""
@@ -40,12 +42,12 @@ def profile(
     lower, upper = flat.min(0), flat.max(0)
     centre = 0.5 * (lower + upper)
     ends = away @ axis
-    origin = middle + centre[0] * right + centre[1] * up + float(ends.max()) * axis
+    origin = middle + centre[0] * right + centre[1] * up + (float(ends.max()) + PROUD_MM) * axis
     bore = _bore(flat, centre) + _WIDER * wall_mm
     turn = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
     opening = bore[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     width, height = (upper - lower).tolist()
-    depth = float(np.ptp(ends))
+    depth = float(np.ptp(ends)) + 2.0 * PROUD_MM
     return MotifFrame(
         "profile", origin, right, up, (width, height), reach_mm, openings=(opening,), depth_mm=depth
     )
@@ -106,4 +108,4 @@ def sole(mesh: Mesh, ahead: Float64[np.ndarray, "3"], top_mm: float, reach_mm: f
     centre, ground = 0.5 * (lower + upper), float(mesh.bounds[0, 2])
     origin = centre[0] * right + centre[1] * up + (ground + top_mm) * np.array([0.0, 0.0, 1.0])
     width, height = (_BESIDE * (upper - lower)).tolist()
-    return MotifFrame("sole", origin, right, up, (width, height), reach_mm, depth_mm=top_mm)
+    return MotifFrame("sole", origin, right, up, (width, height), reach_mm, depth_mm=top_mm + PROUD_MM)
