@@ -18,7 +18,7 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.oval import SAMPLES, Oval
 from fabcraft.template.lenses import FrontSizes, Outline, blank, lens_outline
 from fabcraft.template.rolled import Rolled
-from fabcraft.template.temples import Way
+from fabcraft.template.temples import Temple, Way
 
 PD_MM = 64.0
 """Median man's distance of the pupils, which the listed lengths belong to."""
@@ -192,8 +192,18 @@ def groove_depth(front: Front, chosen: Mapping[str, float | str]) -> float:
     return groove
 
 
-def way_of(face: Face) -> Way:
+def way_of(face: Face, flare: float = 1.3) -> Way:
+    """Where the left temple has to pass."""
     thickness, height = face.temple_mm
     clear = face.part.clearance_mm
     root = face.at["ear_root_top_left"]
-    return Way(root, thickness, height, clear(HEAD_MM), clear(EAR_MM), face.skin, face.scale)
+    return Way(root, thickness, height, clear(HEAD_MM), clear(EAR_MM), face.skin, face.scale, flare)
+
+
+def behind_front(front: Front, side: Temple) -> float:
+    """How much of the temple's line lies before the back of the front, over the temple's whole height, mm."""
+    _, up, _ = side.frames()
+    edges = [side.line + sign * side.half_height[:, None] * up for sign in (-1.0, 0.0, 1.0)]
+    within = np.stack([front.rolled.flat(one)[:, 2] > -front.thick for one in edges]).any(0)
+    steps = np.linalg.norm(np.diff(side.line, axis=0), axis=1)
+    return float(steps[: np.flatnonzero(within).max(initial=0)].sum())

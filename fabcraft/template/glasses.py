@@ -17,6 +17,19 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.isotropic import reflected
 from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
+from fabcraft.template.front import (
+    HEAD_MM,
+    PAD_MM,
+    PD_MM,
+    Face,
+    Front,
+    behind_front,
+    front_of,
+    groove_depth,
+    temple_start,
+    way_of,
+)
+from fabcraft.template.hinge import FLARE, STYLES, Hinge, hinge_of, hinged
 from fabcraft.template.lenses import SHAPES
 from fabcraft.template.melt import melted
 from fabcraft.template.nose_pad import rounded_block
@@ -39,9 +52,10 @@ def build(body: Body, settings: Settings) -> Template:
     front = front_of(face, chosen)
     groove = groove_depth(front, chosen)
     drop = _DROP_MM * face.scale
-    way = way_of(face)
-    hinge = temple_start(front, way.thickness)
-    side = temple(hinge, way, drop)
+    style = str(chosen.get("hinge", STYLES[0]))
+    way = way_of(face) if style == "rigid" else way_of(face, FLARE)
+    start = temple_start(front, way.thickness)
+    side = temple(start, way, drop)
     if "temple_length" in chosen:
         drop += float(chosen["temple_length"]) - side.length
         if not 15.0 * face.scale <= drop <= 75.0 * face.scale:
@@ -50,10 +64,11 @@ def build(body: Body, settings: Settings) -> Template:
                 f"temples of {chosen['temple_length']} mm do not reach round this ear, or too far",
                 f"Choose {np.ceil(shortest):.0f} to {np.floor(longest):.0f} mm.",
             )
-        side = temple(hinge, way, drop)
+        side = temple(start, way, drop)
     edge = EDGE_MM * (1.0 if face.part.kind != "character" else float(np.clip(face.scale, 0.3, 1.0)))
     edge = min(edge, EDGE_MM * front.unit)
-    mesh = _assembled(face, front, side, groove, edge)
+    hinge = None if style == "rigid" else hinge_of(side, behind_front(front, side), style)
+    mesh = _assembled(face, front, side, groove, edge, hinge)
     spread = SPREAD_MM * face.scale
     path = np.tile(np.eye(4), (_POSES, 1, 1))
     travel = float(mesh.vertices[:, 1].max() - face.part.mesh.vertices[:, 1].min()) + 10.0 * face.scale
@@ -65,8 +80,10 @@ def build(body: Body, settings: Settings) -> Template:
         mesh=mesh,
         rims=(),
         surface=None,
-        wall_mm=min(sizes.rim - groove, front.thick, side.thickness),
-        genus=2,
+        wall_mm=min(sizes.rim - groove, front.thick, side.thickness, *([hinge.wall_mm] if hinge else [])),
+        genus=2 + (2 * hinge.genus if hinge else 0),
+        parts=3 if hinge else 1,
+        hinges=hinge.axes if hinge else (),
         contacts=tuple(
             f"{name}_{s}"
             for name in ("nose_flank", "ear_root")
@@ -121,8 +138,10 @@ def _face(body: Body) -> Face:
     return Face(part, at, SurfaceDistance(part.mesh), np.unique(points, axis=0), pd, scale)
 
 
-def _assembled(face: Face, front: Front, side: Temple, groove: float, edge: float) -> Mesh:
-    """The left half of the front with its temple and pad, and its mirror image."""
+def _assembled(
+    face: Face, front: Front, side: Temple, groove: float, edge: float, hinge: Hinge | None
+) -> Mesh:
+    """The left half of the front with its temple and pad, hinged or not, and its mirror image."""
     unit = front.unit
     rims = [Rim(0.8 * unit, 1.2 * unit), Rim(0.6 * unit, 0.6 * unit, groove)]
     flat = plate([front.outline, front.lens], front.thick, rims, edge, half=True)
@@ -131,6 +150,8 @@ def _assembled(face: Face, front: Front, side: Temple, groove: float, edge: floa
     solid = fan_closed(Mesh(places, flat.faces, KIND.name))
     solid = melted(solid, side.mesh(edge), 1.8 * unit, edge, KIND.name, half=True)
     solid = melted(solid, _pad(face, front, edge), 1.6 * unit, edge, KIND.name, half=True)
+    if hinge is not None:
+        solid = hinged(solid, hinge)
     cut = (np.abs(solid.corners[:, :, 0]) < 1e-7).all(1)
     return reflected(solid.submesh(~cut), 1e-6)
 
@@ -211,6 +232,9 @@ KIND = Kind(
         Parameter("tilt", "deg", 0.0, 20.0, "pantoscopic: the lower rim nearer to the cheeks"),
         Parameter("wrap", "deg", 0.0, 20.0, "of each lens round the face"),
         Parameter("groove", "mm", 0.0, 1.2, "depth of the groove for real lenses; 0 for none"),
+        Parameter(
+            "hinge", "", 0.0, 0.0, "none, a pin printed in place, or knuckles for an M1.4 screw", STYLES
+        ),
     ),
     "Print the front face down; PA12 or PETG lets the temples spread.",
 )
