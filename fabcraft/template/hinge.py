@@ -40,6 +40,8 @@ _SHARE = 0.95
 """Height of the barrel over that of the temple's root."""
 _CHAMFER_MM = 0.3
 _SIDES = 48
+_OFF_MM = 0.05
+"""What would lie in one plane with another face stands back by this: such cuts leave slivers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +100,8 @@ def hinge_of(side: Temple, start_mm: float, style: str) -> Hinge:
     knuckle = (tall - 2.0 * CLEARANCE_MM) / 3.0
     if knuckle < LEAST_KNUCKLE_MM:
         raise InputError(
-            f"these temples are {side.thickness:.1f} mm thick and {tall / _SHARE:.1f} mm high at the hinge, too thin for one: "
-            f"its knuckles would be {knuckle:.1f} mm high, not {LEAST_KNUCKLE_MM:g}",
+            f"these temples are {side.thickness:.1f} mm thick and {tall / _SHARE:.1f} mm high at the hinge, too thin "
+            f"for one: its knuckles would be {knuckle:.1f} mm high, not {LEAST_KNUCKLE_MM:g}",
             "Choose hinge=rigid, or glasses for a larger head.",
         )
     barrel = hole + wall
@@ -119,12 +121,14 @@ def hinged(solid: Mesh, hinge: Hinge) -> Mesh:
     whole = as_manifold(solid, solid.name)
     reach, half, full = hinge.barrel + CLEARANCE_MM, 0.5 * hinge.knuckle, hinge.half_height
     wide, tall = (-2.0 * reach, hinge.thickness + reach), (-2.0 * full, 2.0 * full)
-    joint, middle = (-reach, reach), half + CLEARANCE_MM
-    inner = _box(hinge, (wide[0], 0.0), joint, tall)
+    joint, middle, tongue = (-reach, reach), half + CLEARANCE_MM + _OFF_MM, half - _OFF_MM
+    inner = _box(hinge, (wide[0], -_OFF_MM), joint, tall)
     front = whole - inner - _box(hinge, wide, (hinge.barrel, reach), tall)
     front = front - _box(hinge, wide, joint, (-middle, middle))
     temple = whole - inner - _box(hinge, wide, (-reach, -hinge.barrel), tall)
-    temple = temple - _box(hinge, wide, joint, (tall[0], -half)) - _box(hinge, wide, joint, (half, tall[1]))
+    temple = (
+        temple - _box(hinge, wide, joint, (tall[0], -tongue)) - _box(hinge, wide, joint, (tongue, tall[1]))
+    )
     foremost = min(front.decompose(), key=lambda one: one.bounding_box()[1])
     rearmost = max(temple.decompose(), key=lambda one: one.bounding_box()[4])
     outer = [_rod(hinge, hinge.barrel, low, low + hinge.knuckle) for low in (-full, full - hinge.knuckle)]
@@ -161,7 +165,9 @@ def _rod(
     profile = [(0.0, low), (radius - chamfer, low), (radius, low + chamfer)]
     profile += [(radius, high - chamfer), (radius - chamfer, high), (0.0, high)]
     corners = [place for place, before in zip(profile, [None, *profile], strict=False) if place != before]
-    return _placed(hinge, manifold3d.CrossSection([corners]).revolve(_SIDES))
+    return _placed(
+        hinge, manifold3d.CrossSection([corners]).revolve(_SIDES).rotate((0.0, 0.0, 180.0 / _SIDES))
+    )
 
 
 def _placed(hinge: Hinge, solid: manifold3d.Manifold) -> manifold3d.Manifold:
