@@ -34,10 +34,10 @@ _PIN_MM, _WALL_MM = (2.4, 1.6), (1.4, 1.0)
 """(a person's, least) diameter of the pin, and wall of a knuckle round it."""
 _THICKNESS_MM = 3.0
 """Of a person's temple, which those belong to."""
-_ROOT_MM = 2.0
+_ROOT_MM = 3.0
 """Of the temple that stays with the front before the joint, a person's."""
-_SHARE = 0.95
-"""Height of the barrel over that of the temple's root."""
+_SHARE = 0.9
+"""Height of the barrel over that of the temple there."""
 _CHAMFER_MM = 0.3
 _SIDES = 48
 _OFF_MM = 0.05
@@ -96,7 +96,11 @@ def hinge_of(side: Temple, start_mm: float, style: str) -> Hinge:
     unit = side.thickness / _THICKNESS_MM
     pin, wall = (max(least, person * unit) for person, least in (_PIN_MM, _WALL_MM))
     hole = 0.5 * pin + CLEARANCE_MM if style == "pin" else 0.5 * SCREW_MM
-    tall = 2.0 * _SHARE * float(side.half_height[0])
+    barrel = hole + wall
+    ahead, up, off = side.frames()
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(side.line, axis=0), axis=1))])
+    at = int(np.searchsorted(way, start_mm + _ROOT_MM * unit + barrel + CLEARANCE_MM))
+    tall = 2.0 * _SHARE * float(side.half_height[at])
     knuckle = (tall - 2.0 * CLEARANCE_MM) / 3.0
     if knuckle < LEAST_KNUCKLE_MM:
         raise InputError(
@@ -104,10 +108,6 @@ def hinge_of(side: Temple, start_mm: float, style: str) -> Hinge:
             f"for one: its knuckles would be {knuckle:.1f} mm high, not {LEAST_KNUCKLE_MM:g}",
             "Choose hinge=rigid, or glasses for a larger head.",
         )
-    barrel = hole + wall
-    ahead, up, off = side.frames()
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(side.line, axis=0), axis=1))])
-    at = int(np.searchsorted(way, start_mm + _ROOT_MM * unit + barrel + CLEARANCE_MM))
     axis = side.line[at] - 0.5 * side.thickness * off[at]
     frame = np.stack([off[at], ahead[at], up[at]])
     return Hinge(axis, frame, hole, 0.5 * pin if style == "pin" else 0.0, barrel, knuckle, side.thickness)
@@ -131,9 +131,11 @@ def hinged(solid: Mesh, hinge: Hinge) -> Mesh:
     )
     foremost = min(front.decompose(), key=lambda one: one.bounding_box()[1])
     rearmost = max(temple.decompose(), key=lambda one: one.bounding_box()[4])
+    # from outside, knuckles are hidden within the temple
+    seen = _box(hinge, (0.5 * hinge.thickness, wide[1]), joint, tall)
     outer = [_rod(hinge, hinge.barrel, low, low + hinge.knuckle) for low in (-full, full - hinge.knuckle)]
-    foremost = foremost + outer[0] + outer[1]
-    rearmost = rearmost + _rod(hinge, hinge.barrel, -half, half)
+    foremost = foremost + (outer[0] + outer[1] - seen)
+    rearmost = rearmost + (_rod(hinge, hinge.barrel, -half, half) - seen)
     rearmost = rearmost - _rod(hinge, hinge.hole, -2.0 * full, 2.0 * full, chamfer=0.0)
     if hinge.pin:
         # its ends lie within the outer knuckles
