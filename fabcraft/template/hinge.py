@@ -39,7 +39,8 @@ _ROOT_MM = 3.0
 _SHARE = 0.9
 """Height of the barrel over that of the temple there."""
 _CHAMFER_MM = 0.3
-_SIDES = 48
+_SIDES = 24
+"""Coarse enough that simplification leaves them as they are: it would take from the clearance."""
 _OFF_MM = 0.05
 """What would lie in one plane with another face stands back by this: such cuts leave slivers."""
 
@@ -131,17 +132,19 @@ def hinged(solid: Mesh, hinge: Hinge) -> Mesh:
     )
     foremost = min(front.decompose(), key=lambda one: one.bounding_box()[1])
     rearmost = max(temple.decompose(), key=lambda one: one.bounding_box()[4])
+    # its sides, not its edges, keep their distance to the pin
+    hole = _rod(hinge, hinge.hole / np.cos(np.pi / _SIDES), *tall, chamfer=0.0)
     # from outside, knuckles are hidden within the temple
     seen = _box(hinge, (0.5 * hinge.thickness, wide[1]), joint, tall)
     outer = [_rod(hinge, hinge.barrel, low, low + hinge.knuckle) for low in (-full, full - hinge.knuckle)]
     foremost = foremost + (outer[0] + outer[1] - seen)
     rearmost = rearmost + (_rod(hinge, hinge.barrel, -half, half) - seen)
-    rearmost = rearmost - _rod(hinge, hinge.hole, -2.0 * full, 2.0 * full, chamfer=0.0)
+    rearmost = rearmost - hole
     if hinge.pin:
         # its ends lie within the outer knuckles
         foremost = foremost + _rod(hinge, hinge.pin, -half - hinge.knuckle, half + hinge.knuckle, chamfer=0.0)
     else:
-        foremost = foremost - _rod(hinge, hinge.hole, -2.0 * full, 2.0 * full, chamfer=0.0)
+        foremost = foremost - hole
     parts = [foremost, rearmost]
     if any(len(part.decompose()) != 1 for part in parts) or not (foremost ^ rearmost).is_empty():
         raise SolidError(
