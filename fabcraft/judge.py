@@ -183,19 +183,29 @@ def _allowed(
     return np.clip(surface.closest(points).distances, least_mm, max(least_mm, most_mm))
 
 
-def motif_likeness(plate_solid: Mesh, plate: Template, relief: Relief) -> dict[str, float]:
-    """Silhouette overlap of the finished plate with the drawn shape, in the motif's frame, and of the plate before."""
+def motif_likeness(
+    plate_solid: Mesh, plate: Template, relief: Relief, carrier: Mesh | None = None
+) -> dict[str, float]:
+    """Silhouette overlap of the finished plate with the drawn shape, in the motif's frame, and of the plate before.
+
+    carrier : of a drawn object, the template in the picture: within the drawn outline it fills what the plate leaves.
+    """
     everything = np.vstack([relief.outline, plate.outline])
     plane = Plane.around(everything, 0.25, 4.0)
     wanted = solid_mask(relief.outline, relief.openings, plane)
 
-    def overlap(mesh: Mesh) -> float:
-        seen = silhouette_mask(
-            plane.to_pixels(mesh.vertices[:, [0, 2]]), mesh.faces, plane.width, plane.height
-        )
-        return float(((seen >= 0.5) & wanted).sum() / ((seen >= 0.5) | wanted).sum())
+    def seen(mesh: Mesh) -> Bool[np.ndarray, "H W"]:
+        pixels = plane.to_pixels(mesh.vertices[:, [0, 2]])
+        shown: Bool[np.ndarray, "H W"] = silhouette_mask(pixels, mesh.faces, plane.width, plane.height) >= 0.5
+        return shown
 
-    return {"silhouette_iou": overlap(plate_solid), "silhouette_iou_before": overlap(plate.mesh)}
+    def overlap(shown: Bool[np.ndarray, "H W"]) -> float:
+        return float((shown & wanted).sum() / (shown | wanted).sum())
+
+    made = seen(plate_solid)
+    if carrier is not None:
+        made |= seen(carrier) & wanted
+    return {"silhouette_iou": overlap(made), "silhouette_iou_before": overlap(seen(plate.mesh))}
 
 
 def _covered(name: str, template: Template, relief: Relief) -> Bool[np.ndarray, " N"]:

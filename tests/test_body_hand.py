@@ -52,10 +52,9 @@ def test_fingers_bend_towards_the_palm_and_keep_their_length(hands):
 
 
 def test_girths_stay_what_they_are(hands):
-    names = ("ring_finger", "ring_knuckle", "wrist", "hand")
+    names = ("ring_finger", "ring_knuckle", "wrist")
     flat, relaxed = (measured(hands[pose], names) for pose in ("flat", "relaxed"))
     assert relaxed["ring_finger"] == pytest.approx(flat["ring_finger"], abs=0.5)
-    assert relaxed["hand"] == pytest.approx(flat["hand"], abs=1.5)  # so that the folded hand's is right too
     assert relaxed["wrist"] == pytest.approx(flat["wrist"], abs=0.1)
     assert relaxed["ring_knuckle"] == pytest.approx(flat["ring_knuckle"], abs=2.0)  # a bent joint is thicker
 

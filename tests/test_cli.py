@@ -373,7 +373,7 @@ def test_each_kind_of_error_has_its_code(
         (["printers", "show", "prusa-mk5"], "prusa-mk4"),
         (["bodies", "show", "mann"], "did you mean man"),
         (["bodies", "show", "man", "--picture", "a.jpg"], ".png"),
-        (["templates", "show", "helmet"], "mask"),
+        (["templates", "show", "helmt"], "did you mean helmet"),
         (["guidance", "nowhere.png"], "no file"),
     ],
 )

@@ -104,9 +104,8 @@ def _wrist(body: Body, side: str) -> Tape:
 
 
 def _hand(body: Body, side: str) -> Tape:
-    wrist = body.joints[f"wrist_{side}"]
-    palm = (body.joints[f"finger2_1_{side}"] + body.joints[f"finger5_1_{side}"]) / 2 - wrist
-    return girth(body.mesh, wrist + 0.94 * palm, palm)  # just behind the webs, where bent fingers are not met
+    middle = (body.joints[f"finger2_1_{side}"] + body.joints[f"finger5_1_{side}"]) / 2
+    return girth(body.mesh, middle, middle - body.joints[f"wrist_{side}"])
 
 
 def _ring_finger(body: Body, side: str) -> Tape:

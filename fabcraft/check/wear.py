@@ -27,6 +27,7 @@ from fabcraft.mesh import Mesh
 SAMPLES = 20_000
 _SEED = 20_000
 _AWAY_MM = 5.0  # a pose this far in front of the body is off it
+_CUBES = 110.0  # along the longest side
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -160,8 +161,9 @@ def measure_path(
     `poses`: rigid transforms of the worn object from its seat (the first, the identity) outwards. `body`: what it has to
     pass, which need not be what it sits on (a folded hand). `allowed_mm`: what skin and the object's flex take.
     """
-    # one vertex in every cubic millimetre: a path is a matter of millimetres, the seat is measured on all of them
-    _, kept = np.unique(np.round(mesh.vertices).astype(np.int64), axis=0, return_index=True)
+    # one vertex in every small cube: a path is a matter of millimetres, the seat is measured on all of them
+    cube_mm = max(1.0, float(mesh.size_mm.max()) / _CUBES)
+    _, kept = np.unique(np.round(mesh.vertices / cube_mm).astype(np.int64), axis=0, return_index=True)
     points = np.concatenate([surface_samples(mesh, 6000), mesh.vertices[np.sort(kept)]])
     middle = points.mean(0)
     middles = poses[:, :3, :3] @ middle + poses[:, :3, 3]

@@ -76,10 +76,10 @@ def show_template(
         "body": template.body.name,
         "kind": template.kind,
         "faces": len(template.mesh.faces),
-        "edge_mm": round(template.edge_mm, 2),
+        "edge_mm": _two(template.edge_mm),
         "genus": template.genus,
         "size_mm": rounded(template.mesh.size_mm),
-        "wall_mm": round(template.wall_mm, 2),
+        "wall_mm": _two(template.wall_mm),
         "clearance_mm": dict(zip(("least", "usual"), map(_two, template.listed_mm), strict=True)),
         "rests_on": list(template.contacts),
         "frames": [

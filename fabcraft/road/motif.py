@@ -1,5 +1,7 @@
 """The road of a solid template: the drawing is a motif, fitted as a plate in one of its frames and made one with it."""
 
+from dataclasses import replace
+
 import numpy as np
 import trimesh
 
@@ -45,10 +47,10 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         aspect = None if frame.openings and frame.depth_mm else float(width / height)
         sheet, space = plate(template, frame, recipe.motif_mm or None, aspect)
         placed = place_motif(drawing, sheet, recipe.placement, space.scale)
-        relief = inflate(placed, sheet, recipe.inflate)
+        even = frame.depth_mm > 0.0 and not frame.follows
+        relief = inflate(placed, sheet, replace(recipe.inflate, swell=0.0) if even else recipe.inflate)
     with clock.stage("fit"):
         # an even plate knows no body: what is in its way is taken out of the solid
-        even = frame.depth_mm > 0.0 and not frame.follows
         near = SurfaceDistance(_NOBODY if even else space.seen(template.body.mesh))
         design = fitted(recipe, sheet, relief, near, clock.tell)
     with clock.stage("solid"):
@@ -72,7 +74,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         notes=(*drawing_notes(drawing), *((False, text) for text in template.notes)),
         solid_notes=solid.notes,
         findings=tuple(stopped(design)),
-        metrics=motif_likeness(alone, sheet, relief),
+        metrics=motif_likeness(alone, sheet, relief, space.seen(template.mesh) if frame.depth_mm else None),
         interrupted=design.interrupted,
     )
 

@@ -28,8 +28,8 @@ from fabcraft.solid.thicken import SolidResult
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import Template
 
-CELL = 0.9
-"""Of the field's grid, picture units."""
+_CELL, _CELLS = 0.9, 3.0
+"""Largest cell of the field's grid, picture units, and how many go through the plate at least."""
 _PIXEL = 0.5
 _STEP = 0.05
 _ROUND_MM, _ROUND_SHARE = 0.5, 0.4
@@ -57,6 +57,7 @@ def slab(
     comes out.
     """
     depth = space.scale * space.frame.depth_mm
+    cell = min(_CELL, depth / _CELLS)
     shape = _Shape.of(sheet, plate, relief, depth, min(_ROUND_MM * space.scale, _ROUND_SHARE * depth))
     keep = [(SurfaceDistance(space.seen(body.mesh)), space.scale * clearance_mm)]
     if space.frame.free is not None:
@@ -64,14 +65,14 @@ def slab(
 
     def field(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         value = shape(points)
-        near = np.flatnonzero(value < 2.0 * CELL)
+        near = np.flatnonzero(value < 2.0 * cell)
         for surface, clearance in keep:
             value[near] = np.maximum(value[near], clearance - surface.signed(points[near]))
         return value
 
-    made = zero_surface(field, shape.bounds(4.0 * CELL), CELL, name=plate.name)
+    made = zero_surface(field, shape.bounds(4.0 * cell), cell, name=plate.name)
     alone, _ = without_specks(to_manifold(made), _SPECK_MM3 * space.scale**3)
-    small, _ = simplify_manifold(alone, 0.02 * CELL, plate.name)
+    small, _ = simplify_manifold(alone, 0.02 * cell, plate.name)
     whole = joined(carrier, small.with_vertices(space.outside(small.vertices)))
     if len(relief.openings) > 1:  # lenses; a single opening is the carrier's own bore
         for opening in relief.openings:
@@ -103,7 +104,7 @@ class _Shape:
         fine = Mesh(matrix @ sheet.vertices, faces, plate.name)
         flat = fine.vertices[:, [0, 2]]
         half = 0.5 * plate.wall_mm
-        plane = Plane.around(flat, _PIXEL, half + 8.0 * CELL)
+        plane = Plane.around(flat, _PIXEL, half + 8.0 * _CELL)
         inside = silhouette_mask(plane.to_pixels(flat), faces, plane.width, plane.height) >= 0.5
         centres = np.stack(plane.centres(), -1).reshape(-1, 2)
         away = cKDTree(_rim_points(flat, faces)).query(centres)[0].reshape(inside.shape)

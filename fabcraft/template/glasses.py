@@ -36,6 +36,7 @@ from fabcraft.template.nose_pad import rounded_block
 from fabcraft.template.plate import Rim, plate
 from fabcraft.template.template import DonningPath, MotifFrame, Parameter, Template
 from fabcraft.template.temples import Temple, temple
+from fabcraft.template.whole import PROUD_MM
 
 EDGE_MM = 1.4
 SPREAD_MM = 10.0
@@ -195,14 +196,14 @@ def _frames(front: Front, scale: float) -> tuple[MotifFrame, ...]:
     axis = (front.rolled.origin, up)
     whole = MotifFrame(
         "front",
-        front.world(0.0, float(middle), 0.0),
+        front.world(0.0, float(middle), PROUD_MM),
         right,
         up,
         (2.0 * sizes.half_width, float(high - low)),
         12.0 * scale,
         axis,
         lenses,
-        depth_mm=front.thick,
+        depth_mm=front.thick + 2.0 * PROUD_MM,
     )
     top = float(front.outline[-1, 1])
     brow = MotifFrame(

@@ -171,7 +171,7 @@ def build(body: Body, settings: Settings) -> Template:
         path=lifted_off(part, mesh.vertices, axis, "a rigid shell; hair and skin give a little"),
         locked=inside,
         mirrored=True,
-        motifs=(*_motifs(shell), crest(mesh, max(8.0 * s, 2.0 * wall), 60.0 * s)),
+        motifs=(*_motifs(shell), crest(mesh, inside, max(8.0 * s, 2.0 * wall), 60.0 * s)),
         listed_mm=(promised if padded else room, room),
         parameters={"size": size, "fit": room, "wall": wall, "brim": brim, "peak": peak}
         | {"pads": float(padded), "window": float(windowed)},

@@ -25,7 +25,7 @@ _RIMS = 2.2
 _RIM_ROUNDNESS = 0.7
 _OVER_MM = 1.0
 """How far the front of a drawn object that follows the surface stands out of it."""
-_DEEP, _PROUD = 30.0, 12.0
+_DEEP, _PROUD = 30.0, 4.0
 """What lies farther behind or before the frame is another part of the object (a necklace behind its pendant)."""
 
 

@@ -31,6 +31,8 @@ SOLE_MM, THINNER_MM, BESIDE_MM = 8.0, 2.0, 4.0
 TOE_MM, OVER_TOES_MM, COVER = 12.0, 6.0, 55.0
 _FLOOR_MM = 0.03
 """How far the footbed lies under the lowest point of the foot, so that rounding does not press it in."""
+_STROKES_MM = 3.0
+"""Room under the foot for the strokes of a drawn sole."""
 _LEAN = 0.11
 """How much farther back the sides of the upper go, over the foot's length."""
 _FOXING_MM, _FOXING_HIGH_MM = 2.4, 16.0
@@ -196,7 +198,7 @@ def _under_the_foot(slipper: _Slipper, made: Mesh) -> float:
     """How high above the ground a sole may be that no foot meets on its way in, mm."""
     along = np.linspace(0.0, slipper.last.length, 9)
     bed = slipper.floor(np.column_stack([np.zeros(9), along, np.zeros(9)]))
-    return float(bed.min() - made.bounds[0, 2]) - 0.5
+    return float(bed.min() - made.bounds[0, 2]) - _STROKES_MM
 
 
 def _size(size: float | str | None, own: float) -> float:

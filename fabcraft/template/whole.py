@@ -5,12 +5,19 @@ Each looks at a finished template: its box there is the box of the drawing, its 
 
 import manifold3d
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
+from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import MotifFrame
 
-_TURNS = 240
+PROUD_MM = 0.3
+"""How far a drawn object stands out of the template's flat sides: faces in one plane would leave slivers."""
+_TURNS, _SECTORS = 240, 11
+_OVER, _UPRIGHT = 1.0, 0.8
+"""Length of a crest over the shell's, and its height over its length."""
+_BESIDE = np.array([1.5, 1.06])
+"""Width and length of a drawn sole over the shoe's."""
 _WIDER = 0.6
 """A drawn ring's own hole is wider than the band's by this share of the wall: skin meets the band alone."""
 
@@ -35,12 +42,12 @@ def profile(
     lower, upper = flat.min(0), flat.max(0)
     centre = 0.5 * (lower + upper)
     ends = away @ axis
-    origin = middle + centre[0] * right + centre[1] * up + float(ends.max()) * axis
+    origin = middle + centre[0] * right + centre[1] * up + (float(ends.max()) + PROUD_MM) * axis
     bore = _bore(flat, centre) + _WIDER * wall_mm
     turn = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
     opening = bore[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     width, height = (upper - lower).tolist()
-    depth = float(np.ptp(ends))
+    depth = float(np.ptp(ends)) + 2.0 * PROUD_MM
     return MotifFrame(
         "profile", origin, right, up, (width, height), reach_mm, openings=(opening,), depth_mm=depth
     )
@@ -53,31 +60,40 @@ def _bore(flat: Float64[np.ndarray, "N 2"], centre: Float64[np.ndarray, "2"]) ->
     sector = np.round(angle / (2.0 * np.pi) * _TURNS).astype(int) % _TURNS
     least = np.full(_TURNS, np.inf)
     np.minimum.at(least, sector, radius)
+    # edges are longer than a sector is wide: the least of its neighbours, and no steps between
+    least = minimum_filter1d(least, _SECTORS, mode="wrap")
     known = np.flatnonzero(np.isfinite(least))
-    return np.interp(np.arange(_TURNS), known, least[known], period=_TURNS)
+    even = np.interp(np.arange(_TURNS), known, least[known], period=_TURNS)
+    return gaussian_filter1d(even, 0.5 * _SECTORS, mode="wrap")
 
 
-def crest(mesh: Mesh, depth_mm: float, reach_mm: float) -> MotifFrame:
-    """A shell seen from the wearer's left: the drawing stands upright on its middle, the hollow stays free."""
+def crest(mesh: Mesh, inside: Bool[np.ndarray, " F"], depth_mm: float, reach_mm: float) -> MotifFrame:
+    """A shell seen from the wearer's left: the drawing stands upright on its middle, from rim to rim and over the crown.
+
+    inside : its faces towards the head; what they enclose, and what is below, stays free.
+    """
     lower, upper = mesh.bounds
-    middle = 0.5 * (lower + upper)
-    origin = np.array([0.5 * depth_mm, middle[1], middle[2]])
-    size = (float(upper[1] - lower[1]), float(upper[2] - lower[2]))
+    width = _OVER * float(upper[1] - lower[1])
+    height = _UPRIGHT * width
+    origin = np.array([0.5 * depth_mm, 0.5 * (lower[1] + upper[1]), lower[2] + 0.5 * height])
     back, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    return MotifFrame(
-        "crest", origin, back, up, size, reach_mm, depth_mm=depth_mm, free=_hollow(mesh, reach_mm)
-    )
+    points = mesh.vertices[np.unique(mesh.faces[inside])]
+    hollow = manifold3d.Manifold.hull_points(np.vstack([points, points - [0.0, 0.0, height]]))
+    hollow = (hollow + _below_the_rim(mesh, width)).to_mesh64()
+    free = Mesh(hollow.vert_properties[:, :3].astype(np.float64), hollow.tri_verts.astype(np.int32), "hollow")
+    return MotifFrame("crest", origin, back, up, (width, height), reach_mm, depth_mm=depth_mm, free=free)
 
 
-def _hollow(mesh: Mesh, below_mm: float) -> Mesh:
-    """What is inside a shell that is open below, and straight down from there."""
-    solid = manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices), mesh.faces.astype(np.uint64)))
-    hull = solid.hull()
-    inner = max((hull - solid).decompose(), key=lambda one: one.volume())
-    # the hull of the hollow, carried down: whoever wears it comes from there
-    deep = manifold3d.Manifold.batch_hull([inner, inner.translate((0.0, 0.0, -below_mm))])
-    found = (deep - solid).to_mesh64()
-    return Mesh(found.vert_properties[:, :3].astype(np.float64), found.tri_verts.astype(np.int32), "hollow")
+def _below_the_rim(mesh: Mesh, width: float) -> manifold3d.Manifold:
+    """All that is under the line from the front of the rim to its back, in the middle of a shell."""
+    middle = mesh.vertices[np.abs(mesh.vertices[:, 0]) < 0.05 * width]
+    first, last = middle[middle[:, 1].argmin(), 1:], middle[middle[:, 2].argmin(), 1:]
+    along = (last - first) / (last[0] - first[0])
+    ends = [first - width * along, first + 2.0 * width * along]
+    corners = [
+        [side, y, z - down] for side in (-width, width) for y, z in ends for down in (0.0, 2.0 * width)
+    ]
+    return manifold3d.Manifold.hull_points(np.array(corners))
 
 
 def sole(mesh: Mesh, ahead: Float64[np.ndarray, "3"], top_mm: float, reach_mm: float) -> MotifFrame:
@@ -91,5 +107,5 @@ def sole(mesh: Mesh, ahead: Float64[np.ndarray, "3"], top_mm: float, reach_mm: f
     lower, upper = flat.min(0), flat.max(0)
     centre, ground = 0.5 * (lower + upper), float(mesh.bounds[0, 2])
     origin = centre[0] * right + centre[1] * up + (ground + top_mm) * np.array([0.0, 0.0, 1.0])
-    width, height = (upper - lower).tolist()
-    return MotifFrame("sole", origin, right, up, (width, height), reach_mm, depth_mm=top_mm)
+    width, height = (_BESIDE * (upper - lower)).tolist()
+    return MotifFrame("sole", origin, right, up, (width, height), reach_mm, depth_mm=top_mm + PROUD_MM)
