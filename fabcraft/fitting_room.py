@@ -34,6 +34,8 @@ class Tried:
     """The closed solid where it is worn, mm; of a pair the left one."""
     faces: int
     genus: int
+    """Summed over the parts."""
+    parts: int
     watertight: bool
     self_intersections: int | None
     """None when the counter is not installed."""
@@ -52,6 +54,7 @@ class Tried:
         template, least = self.template, self.template.listed_mm[0]
         checks = {
             f"genus {self.genus}, not {template.genus}": self.genus != template.genus,
+            f"{self.parts} parts, not {template.parts}": self.parts != template.parts,
             "not watertight": not self.watertight,
             f"{self.self_intersections} self-intersections": bool(self.self_intersections),
             f"{self.clearance_min_mm:.2f} mm from the skin, not {least:g}": self.clearance_min_mm
@@ -107,6 +110,7 @@ def _measured(
         object=solid,
         faces=len(template.mesh.faces),
         genus=-1 if topology.genus is None else topology.genus,
+        parts=topology.parts,
         watertight=topology.solid,
         self_intersections=topology.self_intersections,
         pen_max_mm=max(0.0, -float(signed.min())),

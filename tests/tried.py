@@ -67,7 +67,7 @@ def assert_walled(template: Template) -> None:
 def assert_sound(template: Template) -> None:
     """Closed, of the expected genus, crossing itself nowhere, in triangles of the listed size."""
     found = inspect_topology(template.mesh)
-    assert found.solid and found.parts == 1 and found.genus == template.genus
+    assert found.solid and found.parts == template.parts and found.genus == template.genus
     assert not found.self_intersections
     corners = template.mesh.corners
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)

@@ -12,6 +12,9 @@ import numpy as np
 from fabcraft.errors import SolidError
 from fabcraft.mesh import Mesh
 
+_PRINTS_TOGETHER_MM = 0.2
+"""A gap that no printer keeps open."""
+
 
 def try_manifold(mesh: Mesh) -> manifold3d.Manifold | None:
     """The mesh as a manifold, or None when it is open, not manifold or without volume."""
@@ -49,6 +52,24 @@ def union(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
     if len(solids) == 1:
         return solids[0]
     return manifold3d.Manifold.batch_boolean(list(solids), manifold3d.OpType.Add)
+
+
+def joined(carrier: Mesh, plate: Mesh) -> manifold3d.Manifold:
+    """The carrier and a plate as one; what turns about a hinge goes on turning.
+
+    Raises `SolidError` when a mesh is no closed manifold, and when the plate would join two parts of the carrier.
+    """
+    whole, added = to_manifold(carrier), to_manifold(plate)
+    parts = whole.decompose()
+    if (
+        len(parts) > 1
+        and sum(added.min_gap(part, _PRINTS_TOGETHER_MM) < _PRINTS_TOGETHER_MM for part in parts) > 1
+    ):
+        raise SolidError(
+            f"the drawing would join parts of the {carrier.name} that have to move",
+            "Move it away from the hinge (--left, --up), or make it smaller (--scale).",
+        )
+    return whole + added
 
 
 def without_specks(solid: manifold3d.Manifold, least_mm3: float) -> tuple[manifold3d.Manifold, int]:

@@ -22,7 +22,7 @@ from fabcraft.geometry.raster import silhouette_mask
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
-from fabcraft.solid.manifolds import to_manifold, to_mesh, without_specks
+from fabcraft.solid.manifolds import joined, to_manifold, to_mesh, without_specks
 from fabcraft.solid.simplify import simplify_manifold
 from fabcraft.solid.thicken import SolidResult
 from fabcraft.template.picture_space import PictureSpace
@@ -73,7 +73,7 @@ def slab(
     made = zero_surface(field, shape.bounds(4.0 * cell), cell, name=plate.name)
     alone, _ = without_specks(to_manifold(made), _SPECK_MM3 * space.scale**3)
     small, _ = simplify_manifold(alone, 0.02 * cell, plate.name)
-    whole = to_manifold(carrier) + to_manifold(small.with_vertices(space.outside(small.vertices)))
+    whole = joined(carrier, small.with_vertices(space.outside(small.vertices)))
     if len(relief.openings) > 1:  # lenses; a single opening is the carrier's own bore
         for opening in relief.openings:
             whole = whole - _through(opening, depth, space)

@@ -53,7 +53,7 @@ def melted(one: Mesh, other: Mesh, fillet_mm: float, edge_mm: float, name: str, 
 
 def _union(one: Mesh, other: Mesh, name: str) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
     """The union, and which of its faces lie on `one`."""
-    solids = [_manifold(mesh, name) for mesh in (one, other)]
+    solids = [as_manifold(mesh, name) for mesh in (one, other)]
     first = solids[0].original_id()
     made = (solids[0] + solids[1]).to_mesh64()
     faces = np.array(made.tri_verts, dtype=np.int32)
@@ -61,7 +61,8 @@ def _union(one: Mesh, other: Mesh, name: str) -> tuple[Mesh, Bool[np.ndarray, " 
     return Mesh(np.array(made.vert_properties[:, :3]), faces, name), owner == first
 
 
-def _manifold(mesh: Mesh, name: str) -> manifold3d.Manifold:
+def as_manifold(mesh: Mesh, name: str) -> manifold3d.Manifold:
+    """A part of a template for booleans.  Raises `SolidError` when it is no closed manifold."""
     solid = manifold3d.Manifold(
         manifold3d.Mesh64(mesh.vertices.astype(np.float64), mesh.faces.astype(np.uint64))
     )

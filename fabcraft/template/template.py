@@ -106,6 +106,18 @@ class StrapHole:
 
 
 @dataclass(frozen=True, eq=False)
+class HingeAxis:
+    """What a part of a solid turns about."""
+
+    point: Float64[np.ndarray, "3"]
+    """Its middle, mm."""
+    along: Float64[np.ndarray, "3"]
+    """Unit vector; a right-handed turn about it folds."""
+    folds_deg: float
+    """How far."""
+
+
+@dataclass(frozen=True, eq=False)
 class DonningPath:
     """How the worn object comes off: rigid poses from its seat outwards, and what gives on the way."""
 
@@ -149,7 +161,7 @@ class Template:
     wall_mm: float
     """Thickness of the wall that print-prep gives a sheet; the thinnest part of a solid."""
     genus: int
-    """Expected genus of the closed solid."""
+    """Expected genus of the closed solid, summed over its parts."""
     contacts: tuple[str, ...]
     """Regions of the body that it rests on."""
     edge_mm: float
@@ -166,6 +178,10 @@ class Template:
     """Made twice, the second one mirrored to x = 0 (slippers)."""
     motifs: tuple[MotifFrame, ...] = ()
     """Places for a drawing, of either reading; the usual one first."""
+    parts: int = 1
+    """Of a solid, bodies that nowhere touch: three of hinged glasses."""
+    hinges: tuple[HingeAxis, ...] = ()
+    """Of a solid, what its parts turn about, the wearer's right one first."""
     straps: tuple[StrapHole, ...] = ()
     """Of a solid, the slots for its elastic, the wearer's right one first."""
     listed_mm: tuple[float, float] = (0.0, 0.0)

@@ -84,6 +84,8 @@ class Way:
     """And over the ear."""
     skin: SurfaceDistance
     scale: float
+    flare: float = 1.3
+    """Height at the hinge over that of the section."""
 
     def bend(self) -> Float64[np.ndarray, "3"]:
         """Where it turns down, behind the ear."""
@@ -127,7 +129,7 @@ def temple(hinge: Float64[np.ndarray, "3"], way: Way, drop_mm: float) -> Temple:
     run, tail = line[0] - (line[1] - line[0]) * ends, line[-1] + (line[-1] - line[-2]) * ends[::-1]
     line = gaussian_filter1d(np.concatenate([run, line, tail]), sigma, axis=0)[60:-60]
     ear = int(np.argmin(np.linalg.norm(line - bend, axis=1)))
-    half = _half_heights(len(line), ear, 0.5 * way.height)
+    half = _half_heights(len(line), ear, 0.5 * way.height, way.flare)
     before = int(np.argmin(np.abs(line[:ear, 1] - way.root[1])))
     knots = [before - 25.0 * scale / _STEP_MM, before]
     room = np.interp(np.arange(len(line)), knots, [way.beside_mm, way.on_ear_mm])
@@ -159,12 +161,14 @@ def _beside(point: Float64[np.ndarray, "3"], reach: float, skin: SurfaceDistance
     return float(x[free[0]]) if len(free) else float(point[0])
 
 
-def _half_heights(count: int, ear: int, half: float) -> Float64[np.ndarray, " N"]:
+def _half_heights(count: int, ear: int, half: float, flare: float) -> Float64[np.ndarray, " N"]:
     """Higher at the hinge, slender over the ear, a little broader again at the tip."""
     at = np.arange(count)
     last = count - 1.0
     knots = [0.0, 0.35 * ear, 0.9 * ear, ear + 0.35 * (last - ear), last - 0.2 * (last - ear), last]
-    return gaussian_filter1d(np.interp(at, knots, half * np.array([1.3, 1.05, 0.9, 0.92, 1.12, 1.12])), 12.0)
+    return gaussian_filter1d(
+        np.interp(at, knots, half * np.array([flare, 1.05, 0.9, 0.92, 1.12, 1.12])), 12.0
+    )
 
 
 def _cleared(one: Temple, room: Float64[np.ndarray, " N"], skin: SurfaceDistance, scale: float) -> Temple:
