@@ -66,9 +66,10 @@ def built(
         )
     if even:
         mesh = _even(mesh)
-    wall_mm = measure_thickness(
-        mesh, _WALL_MM / placed.scale, limit_mm=_WALL_LIMIT_MM / placed.scale
-    ).min_mm * placed.scale
+    wall_mm = (
+        measure_thickness(mesh, _WALL_MM / placed.scale, limit_mm=_WALL_LIMIT_MM / placed.scale).min_mm
+        * placed.scale
+    )
     genus = to_manifold(mesh).genus()
     return own(mesh, placed, part, own_settings, like, wall_mm=wall_mm, genus=genus, notes=(*notes, *told))
 
@@ -98,10 +99,16 @@ def _sound(mesh: Mesh, file: str) -> tuple[Mesh, tuple[str, ...]]:
                 "Close it in the program that made it, or check its unit (--template-units).",
             ) from error
         sheets = made.numbers["sheets"] > 0.0
-        first = f"{file} was an open surface: it got a wall of {SHEET_WALL_MM:g} mm." if sheets else f"{file} was repaired."
+        first = (
+            f"{file} was an open surface: it got a wall of {SHEET_WALL_MM:g} mm."
+            if sheets
+            else f"{file} was repaired."
+        )
         mesh, notes = made.mesh, (first, *(f"{text}." for text in made.notes))
     if (parts := part_count(to_manifold(mesh))) != 1:
-        raise InputError(f"{file} has {parts} separate parts; one was expected", "Join them, or give one of them.")
+        raise InputError(
+            f"{file} has {parts} separate parts; one was expected", "Join them, or give one of them."
+        )
     return mesh, notes
 
 

@@ -29,7 +29,14 @@ INSIDE_MM = 10.0
 """Faces that look at skin no farther away than this are locked, unless another distance is asked."""
 LOOKS_AT = 0.7
 """Least cosine between a face's normal and the way to the nearest skin."""
-DIRECTIONS = {"front": (0, -1, 0), "back": (0, 1, 0), "up": (0, 0, 1), "down": (0, 0, -1), "left": (1, 0, 0), "right": (-1, 0, 0)}  # fmt: skip
+DIRECTIONS = {
+    "front": (0, -1, 0),
+    "back": (0, 1, 0),
+    "up": (0, 0, 1),
+    "down": (0, 0, -1),
+    "left": (1, 0, 0),
+    "right": (-1, 0, 0),
+}
 """Words for directions, the wearer's."""
 MAX_SPHERES = 200
 _AWAY_MM, _WITHIN = 60.0, 0.5
@@ -133,7 +140,9 @@ def own(
         locked |= np.linalg.norm(mesh.corners.mean(1) - middle, axis=1) <= placed.scale * radius
     middle = mesh.bounds.mean(0)
     away = (middle - skin.closest(middle[None]).points[0]) * np.sign(skin.signed(middle[None])[0] or 1.0)
-    ahead = direction(settings.facing, "facing") if settings.facing else away / max(np.linalg.norm(away), 1e-9)
+    ahead = (
+        direction(settings.facing, "facing") if settings.facing else away / max(np.linalg.norm(away), 1e-9)
+    )
     frames = () if like is None or settings.facing else reanchored(mesh, like)
     gaps = skin.signed(mesh.corners.mean(1)[facing]) if facing.any() else np.zeros(1)
     straight = direction(settings.donning, "donning") if settings.donning else ahead

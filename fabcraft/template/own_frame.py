@@ -1,4 +1,4 @@
-"""Places for a motif on a user's own mesh: those of the kind that it is like, or the largest patch that faces a direction."""
+"""Places for a motif on a user's own mesh: those of the kind it is like, or the largest patch that faces a direction."""
 
 from dataclasses import replace
 
