@@ -146,7 +146,7 @@ def read_recipe(path: Path | str) -> Recipe:
     return replace(recipe, own=own, **_beside(path.parent, recipe, names))
 
 
-def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -> dict[str, str]:
+def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -> dict[str, Any]:
     """The files named in `table` that lie in `folder`, by key."""
     said = {name: folder / getattr(table, name) for name in names if getattr(table, name)}
     return {name: str(path) for name, path in said.items() if path.is_file()}
@@ -206,7 +206,8 @@ def recipe_toml(recipe: Recipe) -> str:
         value = getattr(recipe, entry.name)
         if is_dataclass(value):
             if isinstance(value, OwnSettings):
-                value = replace(value, **{name: Path(getattr(value, name)).name for name in _OWN_FILES})
+                bare: dict[str, Any] = {name: Path(getattr(value, name)).name for name in _OWN_FILES}
+                value = replace(value, **bare)
             inner = [
                 f"{one.name} = {text(getattr(value, one.name))}"
                 for one in fields(value)

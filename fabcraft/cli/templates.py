@@ -154,8 +154,8 @@ def check_templates(
     if contacts is not None:
         from fabcraft.body.contacts import read_contacts, with_contacts
 
-        rows = read_contacts(contacts)
-        wearers = [with_contacts(one, rows) for one in wearers]
+        wanted = read_contacts(contacts)
+        wearers = [with_contacts(one, wanted) for one in wearers]
     said = own.settings()
     tried = [[_tried(name, one, settings, said) for name in chosen] for one in wearers]
     told: list[dict[str, Any]] = [

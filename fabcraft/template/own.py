@@ -112,13 +112,12 @@ def own(
     settings: OwnSettings,
     like: Template | None,
     *,
-    wall_mm: float,
     genus: int,
     notes: tuple[str, ...] = (),
 ) -> Template:
     """The template of a closed solid `mesh` in its own frame, mm, that `placed` brings onto `body`.
 
-    body : the part that wears it.  like : the built-in template that it is one of.  wall_mm : its thinnest place.
+    body : the part that wears it.  like : the built-in template that it is one of.  Its wall has yet to be measured.
     Raises `InputError` where it is off the body or inside it, and for files that cannot be read.
     """
     mesh = Mesh(placed.points(mesh.vertices), mesh.faces, settings.like or NAME)
@@ -154,7 +153,7 @@ def own(
         mesh=mesh,
         rims=(),
         surface=None,
-        wall_mm=wall_mm,
+        wall_mm=0.0,
         genus=genus,
         contacts=resting_on(body, () if like is None else like.contacts),
         edge_mm=float(lengths.mean()),

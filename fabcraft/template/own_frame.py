@@ -12,8 +12,9 @@ from fabcraft.mesh import Mesh
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import MotifFrame, Template
 
-_STEEP, _PATCH_PIXELS, _FULL = 0.85, 160, 0.97
-"""Least cosine of a patch to the direction, pixels of the mesh's longer side, share of a box that the patch fills."""
+_STEEP, _PATCH_PIXELS, _FULL, _RIDGE = 0.85, 160, 0.97, 0.95
+"""Least cosine of a patch to the direction, pixels of the mesh's longer side, share of a box that the patch fills, depth of
+its middle line over the deepest."""
 
 
 def reanchored(mesh: Mesh, like: Template) -> tuple[MotifFrame, ...]:
@@ -44,7 +45,8 @@ def front_frame(mesh: Mesh, ahead: Float64[np.ndarray, "3"]) -> tuple[MotifFrame
         return ()
     patch = patches == 1 + int(np.argmax(np.bincount(patches.ravel())[1:]))
     deep = distance_transform_edt(np.pad(patch, 1))[1:-1, 1:-1]
-    row, column = np.unravel_index(int(np.argmax(deep)), deep.shape)
+    ridge = np.argwhere(deep > _RIDGE * deep.max())  # of a long patch, its middle line
+    row, column = ridge[np.linalg.norm(ridge - ridge.mean(0), axis=1).argmin()]
     tall, wide = _box(patch, int(row), int(column), int(0.7 * deep[row, column]))
     around = np.s_[row - tall : row + tall + 1, column - wide : column + wide + 1]
     x, z = plane.to_mm(np.array([[column + 0.5, row + 0.5]]))[0]
