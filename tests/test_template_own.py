@@ -1,4 +1,4 @@
-"""A user's own mesh as a template: placed by transform, landmarks or likeness, and refused with a reason where it cannot be."""
+"""A mesh of one's own as a template: placed by transform, landmarks or likeness, and refused with a reason."""
 
 import json
 from functools import cache
@@ -33,6 +33,13 @@ MARKS = {
 MOVE = np.eye(4)
 MOVE[:3, :3] = Rotation.from_euler("xyz", [70, 20, -130], degrees=True).as_matrix()
 MOVE[:3, 3] = [300, -200, 900]
+
+
+@pytest.fixture(autouse=True)
+def coarse_walls(monkeypatch):
+    """The walls here are 3 mm: there is no need to look for finer ones."""
+    monkeypatch.setattr("fabcraft.road.base._WALL_MM", 2.5)
+    monkeypatch.setattr("fabcraft.road.base._WALL_LIMIT_MM", 4.0)
 
 
 @cache
@@ -241,7 +248,7 @@ def test_a_mesh_in_the_wrong_place_of_the_wrong_size_or_in_pieces_is_refused(tmp
     far[:3, 3] = [0.0, -500.0, 0.0]
     with pytest.raises(InputError, match=r"48\d mm away from the finger"):
         built(saved(tmp_path / "far.stl", signet(), far), finger(), {})
-    with pytest.raises(InputError, match="m long|100% of its vertices inside"):
+    with pytest.raises(InputError, match=r"mm long|100% of its vertices inside"):
         built(saved(tmp_path / "tiny.stl", signet(), np.diag([0.05, 0.05, 0.05, 1.0])), finger(), {})
     shifted = signet().vertices + [0.0, 0.0, 10.0]
     two = Mesh(
