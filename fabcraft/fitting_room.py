@@ -15,14 +15,16 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.inflate import plain_relief
 from fabcraft.judge import worn, worn_solid
 from fabcraft.mesh import Mesh
+from fabcraft.road.base import built
 from fabcraft.solid.shell import shell
 from fabcraft.solid.thicken import SolidSettings
-from fabcraft.template.kinds import kind_of
+from fabcraft.template.own import OwnSettings, looks_at
 from fabcraft.template.template import Template
 from fabcraft.wearer import require_wearable
 
 _CELL_MM = 0.6
 _FACING_MM = 15.0  # what is farther from the skin does not look at it
+_BUILT_IN = OwnSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +68,33 @@ class Tried:
         return tuple(words for words, wrong in checks.items() if wrong)
 
 
-def try_on(name: str, body: Body, settings: Mapping[str, float | str] | None = None) -> Tried:
-    """Build the plain template `name` on `body` and measure it.
+def try_on(
+    name: str,
+    body: Body,
+    settings: Mapping[str, float | str] | None = None,
+    own: OwnSettings = _BUILT_IN,
+) -> Tried:
+    """Build the plain template `name`, or the own mesh in that file, on `body` and measure it.
 
     Raises `InputError` where the body cannot wear it, with the reason.
     """
     start = time.perf_counter()
-    template = plain(name, body, settings)
+    template = plain(name, body, settings, own)
     seconds = time.perf_counter() - start
     distance = SurfaceDistance(template.body.mesh)
     solid, seat = _solid(template, distance)
     return _measured(template, solid, seat, distance, seconds)
 
 
-def plain(name: str, body: Body, settings: Mapping[str, float | str] | None = None) -> Template:
+def plain(
+    name: str,
+    body: Body,
+    settings: Mapping[str, float | str] | None = None,
+    own: OwnSettings = _BUILT_IN,
+) -> Template:
     """The template `name` for `body`.  Raises `InputError` where it cannot be worn, and for a wrong setting."""
-    require_wearable(body, name)
-    return kind_of(name).build(body, settings or {})
+    require_wearable(body, own.like or name)
+    return built(name, body, settings or {}, own)
 
 
 def _solid(template: Template, distance: SurfaceDistance) -> tuple[Mesh, Worn]:
@@ -124,13 +136,10 @@ def _measured(
 
 def _facing_median(solid: Mesh, distance: SurfaceDistance) -> float:
     """Median distance to the skin over the faces that look straight at it, mm."""
-    middles, normals, areas = solid.corners.mean(1), solid.face_normals, solid.face_areas
-    found = distance.closest(middles)
-    near = found.distances < _FACING_MM
-    towards = np.einsum("ij,ij->i", found.points - middles, normals) > 0.7 * found.distances
-    chosen = np.flatnonzero(near & towards)
-    if not len(chosen):
+    chosen = looks_at(solid, distance, _FACING_MM)
+    if not chosen.any():
         return float("nan")
-    order = chosen[np.argsort(found.distances[chosen])]
-    share = np.cumsum(areas[order]) / areas[order].sum()
-    return float(found.distances[order[np.searchsorted(share, 0.5)]])
+    areas, away = solid.face_areas[chosen], distance.closest(solid.corners[chosen].mean(1)).distances
+    order = np.argsort(away)
+    share = np.cumsum(areas[order]) / areas.sum()
+    return float(away[order[np.searchsorted(share, 0.5)]])

@@ -68,7 +68,8 @@ def require_outputs(recipe: Recipe, source: str = "") -> None:
     """
     for output in recipe.output:
         checked_extension(output)
-    inputs = (recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source)
+    own = (recipe.template, recipe.own.transform, recipe.own.landmarks, recipe.own.locked)
+    inputs = (*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source)
     require_places([*recipe.output, *side_files(recipe).values()], inputs)
 
 

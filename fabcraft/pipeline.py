@@ -70,7 +70,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         )
     with clock.stage("body"):
         body = body_of(recipe)
-        require_wearable(body, recipe.template)
+        require_wearable(body, recipe.own.like or recipe.template)
         body = with_contacts(body, contacts)
     shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):

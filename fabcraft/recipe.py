@@ -18,8 +18,13 @@ import msgspec
 from fabcraft.errors import InputError
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
-from fabcraft.template.kinds import NAMES
+from fabcraft.template.kinds import is_own, known
 from fabcraft.template.mask import WALL_MM
+from fabcraft.template.own import OwnSettings
+
+_FILES = ("template", "sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
+_OWN_FILES = ("transform", "landmarks", "locked")
+"""Keys that may name files, of a recipe and of its table `own`."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,7 @@ class Recipe:
     """One object: what it is, what it looks like, who wears it and what prints it."""
 
     template: str = "mask"
-    """Kind of wearable: mask, ring, bangle, necklace, glasses, visor, helmet or slippers."""
+    """Kind of wearable: mask, ring, bangle, necklace, glasses, visor, helmet or slippers; or a mesh file of your own."""
     parameters: dict[str, float | str] = field(default_factory=dict)
     """What is set of the template, by name (`fabcraft templates show NAME`): a number, or the name of a standard size."""
     reading: Literal["", "object", "motif"] = ""
@@ -82,17 +87,22 @@ class Recipe:
     """What slicers and the page call it; the output's name when left out."""
     pictures: bool = True
     """Also write the page, the report and the pictures."""
+    own: OwnSettings = field(default_factory=OwnSettings)
     placement: PlacementSettings = field(default_factory=PlacementSettings)
     inflate: InflateSettings = field(default_factory=InflateSettings)
 
     def __post_init__(self) -> None:
         if isinstance(self.output, str):
             object.__setattr__(self, "output", (self.output,))
-        for name, known in (("template", NAMES), ("preset", ("draft", "standard"))):
-            if getattr(self, name) not in known:
+        if not is_own(self.template):
+            known(self.template)
+            if said := self.own.said:
                 raise InputError(
-                    f"{name} '{getattr(self, name)}' was asked", f"Choose one of: {', '.join(known)}."
+                    f"{said[0]} was given for the {self.template}, which is a built-in template",
+                    "It is for a mesh file of your own: fabcraft make FILE.stl ...",
                 )
+        if self.preset not in (presets := ("draft", "standard")):
+            raise InputError(f"preset '{self.preset}' was asked", f"Choose one of: {', '.join(presets)}.")
         if self.wall_mm and not WALL_MM[0] <= self.wall_mm <= WALL_MM[1]:
             raise InputError(
                 f"a wall of {self.wall_mm} mm was asked",
@@ -131,12 +141,15 @@ def read_recipe(path: Path | str) -> Recipe:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not valid TOML: {error}", "Mend the line named.") from None
     recipe = recipe_of(table, str(path))
-    beside: dict[str, Any] = {
-        name: str(path.parent / getattr(recipe, name))
-        for name in ("sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
-        if getattr(recipe, name) and (path.parent / getattr(recipe, name)).is_file()
-    }
-    return replace(recipe, **beside)
+    own = replace(recipe.own, **_beside(path.parent, recipe.own, _OWN_FILES))
+    names = _FILES if is_own(recipe.template) else _FILES[1:]
+    return replace(recipe, own=own, **_beside(path.parent, recipe, names))
+
+
+def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -> dict[str, Any]:
+    """The files named in `table` that lie in `folder`, by key."""
+    said = {name: folder / getattr(table, name) for name in names if getattr(table, name)}
+    return {name: str(path) for name, path in said.items() if path.is_file()}
 
 
 def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:
@@ -192,6 +205,9 @@ def recipe_toml(recipe: Recipe) -> str:
     for entry in fields(recipe):
         value = getattr(recipe, entry.name)
         if is_dataclass(value):
+            if isinstance(value, OwnSettings):
+                bare: dict[str, Any] = {name: Path(getattr(value, name)).name for name in _OWN_FILES}
+                value = replace(value, **bare)
             inner = [
                 f"{one.name} = {text(getattr(value, one.name))}"
                 for one in fields(value)
@@ -204,7 +220,7 @@ def recipe_toml(recipe: Recipe) -> str:
                 inner = [f"{text(str(key))} = {text(one)}" for key, one in value.items()]
                 tables += ["", f"[{entry.name}]", *inner]
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
-            if entry.name in ("sketch", "guidance", "body", "body_landmarks", "contacts", "printer"):
+            if entry.name in _FILES:
                 value = Path(value).name  # a recipe that travels must not tell where a user keeps their files
             if entry.name == "output":
                 value = tuple(Path(one).name for one in value)

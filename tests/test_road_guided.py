@@ -41,7 +41,7 @@ def build(body, settings):
 @pytest.fixture
 def short(monkeypatch):
     """A plain ring, and few steps."""
-    monkeypatch.setattr("fabcraft.road.guided.kind_of", lambda name: Kind("ring", build, ()))
+    monkeypatch.setattr("fabcraft.road.base.kind_of", lambda name: Kind("ring", build, ()))
     few = replace(presets.PRESETS["draft"], steps=60, views=2, bank=8, pixels=64)
     monkeypatch.setattr(presets, "PRESETS", {**presets.PRESETS, "draft": few})
 

@@ -60,7 +60,7 @@ def build(body, settings):
 def plain_ring(monkeypatch):
     """A ring whose measures are known."""
     kind = Kind("ring", build, (Parameter("width", "mm", 3.0, 12.0, "along the finger"),))
-    monkeypatch.setattr("fabcraft.road.motif.kind_of", lambda name: kind)
+    monkeypatch.setattr("fabcraft.road.base.kind_of", lambda name: kind)
 
 
 def star():

@@ -17,9 +17,7 @@ Left-out numbers keep the region's rule; a place of its own that no weight is gi
 """
 
 import difflib
-import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -35,8 +33,9 @@ from fabcraft.body.body import Body
 from fabcraft.body.region import Region
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
+from fabcraft.read.table_file import read_table
 
-MAX_BYTES, MAX_ROWS = 1_000_000, 200
+MAX_ROWS = 200
 RANGES = {
     "weight": (0.0, 10.0),
     "gap_mm": (0.0, 50.0),
@@ -74,7 +73,9 @@ def read_contacts(path: Path | str) -> tuple[Contact, ...]:
     Raises `InputError` for a file that cannot be read, an unknown key, or a value of the wrong kind or out of range.
     """
     path = Path(path)
-    table = _table(path)
+    table = read_table(path, "contact file")
+    if not isinstance(table, dict):
+        raise InputError(f"{path.name} holds no table", 'Give {"contact": [...]}.')
     unknown = [key for key in table if key != "contact"]
     rows = table.get("contact")
     if unknown or not isinstance(rows, list) or not rows:
@@ -142,36 +143,6 @@ def skin_disc(mesh: Mesh, points: Float64[np.ndarray, "N 3"], radius_mm: float) 
     reach = dijkstra(graph, directed=False, indices=np.unique(seeds), min_only=True, limit=1.5 * radius_mm)
     near[seeds] = True
     return np.flatnonzero(np.isfinite(reach) & near)
-
-
-def _table(path: Path) -> Mapping[str, Any]:
-    kind = path.suffix.lower()
-    if kind not in (".toml", ".json"):
-        raise InputError(f"{path.name} is no contact file", "Give a .toml or a .json file.")
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(
-                f"{path} is {path.stat().st_size:,} bytes; a contact file has a few hundred",
-                "Check the path.",
-            )
-        text = path.read_text("utf-8")
-    except FileNotFoundError:
-        raise InputError(f"there is no contact file {path}", "Check the path.") from None
-    except UnicodeDecodeError:
-        raise InputError(
-            f"{path} is not text; contacts in TOML or JSON were expected", "Check the path."
-        ) from None
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be read: {error.strerror}", "Check the path and its permissions."
-        ) from None
-    try:
-        table = tomllib.loads(text) if kind == ".toml" else json.loads(text)
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{path} is not valid {kind[1:].upper()}: {error}", "Mend the line named.") from None
-    if not isinstance(table, dict):
-        raise InputError(f"{path.name} holds no table", 'Give {"contact": [...]}.')
-    return table
 
 
 def _contact(row: Any, where: str) -> Contact:

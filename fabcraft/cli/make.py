@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
+from fabcraft.cli.own import NOTHING, OwnFlags
 from fabcraft.errors import InputError
-from fabcraft.template.kinds import known
+from fabcraft.template.kinds import is_own, known
 
 if TYPE_CHECKING:
     from fabcraft.recipe import Recipe
@@ -117,7 +118,15 @@ _PLACES = {
 """Flags that have another name, or live in a table, in a recipe."""
 
 
-def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: bool = False) -> int:
+def make(
+    what: str,
+    /,
+    *,
+    flags: Flags = _NO_FLAGS,
+    own: OwnFlags = NOTHING,
+    json: bool = False,
+    quiet: bool = False,
+) -> int:
     """Make a wearable from a drawing (or a mesh to look like), a body and a printer.
 
     Examples:
@@ -126,6 +135,7 @@ def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: b
       fabcraft make mask --sketch cat.png --preset draft -o cat.3mf -o cat.stl
       fabcraft make mask --sketch cat.png --body woman --measure head=hat57 -o cat.3mf
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
+      fabcraft make my-visor.stl --like visor --sketch star.png -o star.3mf
       fabcraft make cat.toml --wall 3
 
     Ctrl-C while it fits keeps the best so far and writes that.
@@ -133,13 +143,14 @@ def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: b
     Parameters
     ----------
     what
-        A template (see fabcraft templates), or a recipe file (.toml) whose settings any flag overrides.
+        A template (see fabcraft templates), the mesh file of your own one, or a recipe file (.toml) whose settings any
+        flag overrides.
     json
         Print the report as JSON, and nothing else, on stdout.
     quiet
         No progress on stderr.
     """
-    recipe = recipe_from(what, flags)
+    recipe = recipe_from(what, flags, own)
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
     from fabcraft.outputs import require_outputs, write_all
@@ -159,12 +170,12 @@ def make(what: str, /, *, flags: Flags = _NO_FLAGS, json: bool = False, quiet: b
     return 130 if made.interrupted else int(not report.printable)
 
 
-def recipe_from(what: str, flags: Flags) -> "Recipe":
-    """The recipe of a template's name or a recipe file, with the flags over it.
+def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING) -> "Recipe":
+    """The recipe of a template's name, its mesh file or a recipe file, with the flags over it.
 
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
     """
-    if not _is_recipe(what):
+    if not (_is_recipe(what) or is_own(what)):
         known(what)
     given = {key: value for key, value in asdict(flags).items() if value is not None and value != ()}
     for key, value in given.items():
@@ -182,7 +193,7 @@ def recipe_from(what: str, flags: Flags) -> "Recipe":
         given = {"sketch": "", "guidance": "", "text": "", **given}
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
-    tables: dict[str, dict[str, Any]] = {}
+    tables: dict[str, dict[str, Any]] = {"own": own.given()}
     for flag, value in given.items():
         table, key = _PLACES.get(flag, ("", flag))
         tables.setdefault(table, {})[key] = value

@@ -1,6 +1,7 @@
 """`fabcraft templates`: the kinds of wearable, what can be set of them, and how they sit on a body."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
@@ -9,13 +10,15 @@ from fabcraft.cli.catalogue import PLAIN, listed, rounded, worded
 from fabcraft.cli.console import painted, result, result_json, say, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
 from fabcraft.cli.make import setting
+from fabcraft.cli.own import NOTHING, OwnFlags
 from fabcraft.cli.wearer import ANYBODY, Wearer
 from fabcraft.errors import InputError
-from fabcraft.template.kinds import KINDS, kind_of, known
+from fabcraft.template.kinds import KINDS, is_own, kind_of, known
 
 if TYPE_CHECKING:
     from fabcraft.body.body import Body
     from fabcraft.fitting_room import Tried
+    from fabcraft.template.own import OwnSettings
 
 Repeated = Parameter(negative=(), show_default=False)
 
@@ -50,6 +53,7 @@ def show_template(
     body: str = "man",
     set: Annotated[tuple[str, ...], Repeated] = (),
     wearer: Wearer = ANYBODY,
+    own: OwnFlags = NOTHING,
     json: bool = False,
 ) -> int:
     """Show what can be set of a template, and how it lies on a body before anything shapes it.
@@ -57,7 +61,7 @@ def show_template(
     Parameters
     ----------
     name
-        A name from fabcraft templates.
+        A name from fabcraft templates, or the mesh file of your own one.
     body
         A name from fabcraft bodies, or the file of a scan.
     set
@@ -65,13 +69,14 @@ def show_template(
     json
         Print JSON.
     """
-    known(name)
+    what = _what(name)
+    _require_own([name], own)
     from fabcraft.fitting_room import plain
 
-    template = plain(name, wearer.found(body), dict(map(setting, set)))
+    template = plain(name, wearer.found(body), dict(map(setting, set)), own.settings())
     told: dict[str, Any] = {
         "template": name,
-        "what": KINDS[name],
+        "what": what,
         "parameters": _parameters(name, template.parameters),
         "body": template.body.name,
         "kind": template.kind,
@@ -99,7 +104,7 @@ def show_template(
     )
     rows += [("clearance mm", f"{template.listed_mm[0]:.2f} at least, {template.listed_mm[1]:.2f} usually")]
     rows += [("places for a motif", frames)] if frames else []
-    lines = [painted(f"{name}: {KINDS[name]}", "bold"), "", table(rows)]
+    lines = [painted(f"{name}: {what}", "bold"), "", table(rows)]
     if told["parameters"]:
         lines += ["", listed([("--set", "here", "may be", "meaning"), *map(_row, told["parameters"])])]
     result("\n".join([*lines, *(["", *told["notes"]] if told["notes"] else [])]))
@@ -112,6 +117,8 @@ def check_templates(
     body: Annotated[tuple[str, ...], Repeated] = ("man",),
     set: Annotated[tuple[str, ...], Repeated] = (),
     wearer: Wearer = ANYBODY,
+    own: OwnFlags = NOTHING,
+    contacts: str | None = None,
     picture: str | None = None,
     json: bool = False,
 ) -> int:
@@ -120,26 +127,37 @@ def check_templates(
     Parameters
     ----------
     names
-        Names from fabcraft templates; all of them when left out.
+        Names from fabcraft templates, or mesh files of your own; all of the built-in ones when left out.
     body
         A name from fabcraft bodies, or the file of a scan; again for more. [default: man]
     set
         A parameter as name=value, again for more; with one template only.
+    contacts
+        File of contacts, where it shall rest or keep away besides the template's own: .toml or .json.
     picture
         Also write a picture of all of them as they are worn (.png).
     json
         Print JSON.
     """
-    chosen = [known(name) for name in names] or list(KINDS)
+    chosen = list(names) or list(KINDS)
+    for name in chosen:
+        _what(name)
+    _require_own(chosen, own)
     settings = dict(map(setting, set))
     if settings and len(chosen) != 1:
         raise InputError(f"--set was given for {len(chosen)} templates", "Name the one that it is for.")
-    if settings:
+    if settings and not is_own(chosen[0]):
         kind_of(chosen[0]).settled(settings)
     if picture is not None:
         require_png(picture, list(body))
     wearers = [wearer.found(name) for name in body]
-    tried = [[_tried(name, one, settings) for name in chosen] for one in wearers]
+    if contacts is not None:
+        from fabcraft.body.contacts import read_contacts, with_contacts
+
+        wanted = read_contacts(contacts)
+        wearers = [with_contacts(one, wanted) for one in wearers]
+    said = own.settings()
+    tried = [[_tried(name, one, settings, said) for name in chosen] for one in wearers]
     told: list[dict[str, Any]] = [
         {"body": one.name, "templates": [row(*pair) for pair in zip(chosen, of_body, strict=True)]}
         for one, of_body in zip(wearers, tried, strict=True)
@@ -232,21 +250,41 @@ def _two(value: float) -> float:
     return round(float(value), 2)
 
 
-def _tried(name: str, body: "Body", settings: Mapping[str, float | str]) -> "Tried | str":
-    """The template on the body, or why it does not go on."""
+def _what(name: str) -> str:
+    """A template in a line.  Raises `InputError` for a name that is neither a template's nor a mesh file's."""
+    if not is_own(name):
+        return KINDS[known(name)]
+    if not Path(name).is_file():
+        raise InputError(f"there is no file {name}", f"Give a mesh file, or a template: {', '.join(KINDS)}.")
+    return "a mesh of your own"
+
+
+def _require_own(names: Sequence[str], own: OwnFlags) -> None:
+    """Raise `InputError` when something is said of an own mesh, and another template is named."""
+    if own.given() and not all(map(is_own, names)):
+        raise InputError(
+            f"{next(iter(own.given()))} was given for a built-in template",
+            "It is for a mesh file of your own: name that file only.",
+        )
+
+
+def _tried(name: str, body: "Body", settings: Mapping[str, float | str], own: "OwnSettings") -> "Tried | str":
+    """The template on the body, or why it does not go on; with a mesh of one's own that is an error."""
     from fabcraft.fitting_room import try_on
 
     say(f"trying the {name} on {body.name}")
     try:
-        return try_on(name, body, settings)
+        return try_on(name, body, settings, own)
     except InputError as error:
+        if is_own(name):
+            raise
         return error.message
 
 
 def _parameters(name: str, here: Mapping[str, float] | None = None) -> list[dict[str, Any]]:
     """What can be set of a template, with the value that it has here."""
     told = []
-    for one in kind_of(name).parameters:
+    for one in () if is_own(name) else kind_of(name).parameters:
         entry: dict[str, Any] = {"name": one.name, "unit": one.unit, "meaning": one.meaning}
         if one.low < one.high:
             entry |= {"low": one.low, "high": one.high}

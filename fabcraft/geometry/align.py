@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from fabcraft.geometry.distance import SurfaceDistance
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,42 @@ def similarity_icp(
         )
         previous, now = now, fit_similarity(source[pairs[0]], target[pairs[1]], scale_range)
         if abs(previous.rms - now.rms) < 1e-6 * (1.0 + now.rms):
+            break
+    return now
+
+
+def settled_on(
+    surface: SurfaceDistance,
+    points: Float64[np.ndarray, "N 3"],
+    start: Similarity,
+    scaled: bool,
+    keep: float = 0.75,
+    iterations: int = 30,
+) -> Similarity:
+    """The similarity that brings `points` onto `surface`, from a `start` that is nearly right, by the distances to the
+    tangent planes (Chen and Medioni 1992): unlike distances to points they let it slide along the surface.
+
+    keep : share of the points that counts, the nearest ones.  A turn that the surface cannot tell (of a round ring about
+    its axis) is left as it is.
+    """
+    now = start
+    reach = start.scale * float(np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean()))
+    for _ in range(iterations):
+        moved = now.points(points)
+        found = surface.closest(moved)
+        near = _nearest(found.distances, keep)
+        normals = surface.mesh.face_normals[found.faces[near]]
+        middle = moved.mean(0)
+        arm = (moved[near] - middle) / reach
+        columns = [np.cross(arm, normals), normals] + [(arm * normals).sum(1)[:, None]] * scaled
+        gap = ((found.points[near] - moved[near]) * normals).sum(1)
+        step = np.linalg.lstsq(np.hstack(columns), gap, rcond=1e-2)[0]
+        turn = Rotation.from_rotvec(step[:3] / reach).as_matrix()
+        grown = 1.0 + float(step[6]) / reach if scaled else 1.0
+        shift = middle + step[3:6] + grown * turn @ (now.translation - middle)
+        rms = float(np.sqrt((gap**2).mean()))
+        now = Similarity(grown * now.scale, turn @ now.rotation, shift, rms)
+        if float(np.abs(step).max()) < 1e-6 * reach:
             break
     return now
 

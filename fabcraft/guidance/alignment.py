@@ -1,7 +1,7 @@
 """A guidance mesh brought onto the object it is to guide: any scale, up axis and facing.
 
 24 axis-aligned turns, each refined a little by similarity ICP on spread points; the best is refined to the end. Its scale
-starts from the sizes of the two and may change by 40 % either way.
+starts from the sizes of the two and may change by 40 % either way, or is kept.
 """
 
 from dataclasses import dataclass
@@ -32,8 +32,18 @@ class Aligned:
     """mm."""
     residual: float
     """Mean distance between the two surfaces, both ways, over the object's longest side."""
-    turned_deg: float
-    scaled: float
+    placed: Similarity
+    """What was done to it."""
+
+    @property
+    def turned_deg(self) -> float:
+        """Angle of the turn."""
+        return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(self.placed.rotation) - 1.0), -1.0, 1.0))))
+
+    @property
+    def scaled(self) -> float:
+        """Factor of the size."""
+        return self.placed.scale
 
     @property
     def words(self) -> str:
@@ -44,17 +54,20 @@ class Aligned:
         )
 
 
-def aligned(goal: Mesh, onto: Mesh, force: bool = False) -> Aligned:
+def aligned(
+    goal: Mesh, onto: Mesh, force: bool = False, *, what: str = "guidance mesh", scaled: bool = True
+) -> Aligned:
     """`goal` on the mesh `onto` (mm).
 
+    what : `goal` is called that in errors.  scaled : it may change its size.
     Raises `InputError` for a mesh without a surface, and for one that resembles `onto` too little, unless forced.
     """
     if len(goal.faces) == 0 or not goal.face_areas.sum() > 0.0:
-        raise InputError("the guidance mesh has no surface", "Give a mesh with faces.")
+        raise InputError(f"the {what} has no surface", "Give a mesh with faces.")
     size = float(onto.size_mm.max())
     (coarse, coarse_normals), (target, target_normals) = _spread(goal, _COARSE), _spread(onto, _COARSE)
-    ratio = _spread_of(target) / _spread_of(coarse)
-    scales = (0.7 * ratio, 1.4 * ratio)
+    ratio = _spread_of(target) / _spread_of(coarse) if scaled else 1.0
+    scales = (0.7 * ratio, 1.4 * ratio) if scaled else (1.0, 1.0)
     starts = [
         Similarity(ratio, turn, target.mean(0) - ratio * turn @ coarse.mean(0)) for turn in axis_rotations()
     ]
@@ -73,12 +86,11 @@ def aligned(goal: Mesh, onto: Mesh, force: bool = False) -> Aligned:
     residual = _miss(found.points(fine), target) / size
     if residual > WORST and not force:
         raise InputError(
-            f"the guidance mesh resembles the {onto.name or 'template'} too little: "
+            f"the {what} resembles the {onto.name or 'template'} too little: "
             f"it misses it by {100.0 * residual:.0f} % of its size",
             "Give a mesh of that kind of object.",
         )
-    turn = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(found.rotation) - 1.0), -1.0, 1.0))))
-    return Aligned(goal.with_vertices(found.points(goal.vertices)), residual, turn, found.scale)
+    return Aligned(goal.with_vertices(found.points(goal.vertices)), residual, found)
 
 
 def _spread(mesh: Mesh, count: int) -> tuple[Float64[np.ndarray, "K 3"], Float64[np.ndarray, "K 3"]]:

@@ -14,9 +14,9 @@ from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
+from fabcraft.road.base import as_solid, built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished
 from fabcraft.solid.thicken import SolidSettings, solidify
-from fabcraft.template.kinds import kind_of
 from fabcraft.template.mask import mask
 from fabcraft.template.template import Template
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 SHEET_WALL_MM = 4.0
 """Wall of a sheet that is deformed as a closed solid: a thinner one needs twice as many triangles to bend well."""
-SHEET_CELL_MM = 2.0
 
 
 def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
@@ -44,7 +43,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         settings = _settings(recipe, template)
-        guidance, route = _guidance(recipe, given, rest, distance, settings)
+        guidance, route = _guidance(recipe, given, template.name, rest, distance, settings)
     with clock.stage("fit"):
 
         def watch(step: int, values: dict[str, float], mesh: Mesh) -> None:
@@ -81,13 +80,11 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
 
 def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
     """The template, and the closed solid that is deformed."""
-    if recipe.template != "mask":
-        kind = kind_of(recipe.template)
-        template = kind.build(body, kind.settled(recipe.parameters))
-        return template, template.mesh
-    template = mask(body, recipe.wall_mm or SHEET_WALL_MM)
-    settings = SolidSettings(wall_mm=template.wall_mm, cell_mm=min(SHEET_CELL_MM, 0.5 * template.wall_mm))
-    return template, solidify(template.mesh, settings).mesh
+    if recipe.template == "mask":
+        template = mask(body, recipe.wall_mm or SHEET_WALL_MM)
+    else:
+        template = built(recipe.template, body, recipe.parameters, recipe.own, even=True)
+    return template, as_solid(template)
 
 
 def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
@@ -102,7 +99,12 @@ def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
 
 
 def _guidance(
-    recipe: Recipe, given: Given, rest: Mesh, distance: SurfaceDistance, settings: "DeformSettings"
+    recipe: Recipe,
+    given: Given,
+    name: str,
+    rest: Mesh,
+    distance: SurfaceDistance,
+    settings: "DeformSettings",
 ) -> tuple[list["Guide"], tuple[str, ...]]:
     """The objectives, and what they are, in lines of the route."""
     import torch
@@ -117,8 +119,8 @@ def _guidance(
         from fabcraft.guidance.text import TextGuidance
 
         model = load_clip(recipe.encoder or DEFAULT, device_of(settings.device))
-        article = "an" if recipe.template[0] in "aeiou" else "a"
-        text = TextGuidance(model, recipe.text, f"{article} {recipe.template}", seed=recipe.seed)
+        article = "an" if name[0] in "aeiou" else "a"
+        text = TextGuidance(model, recipe.text, f"{article} {name}", seed=recipe.seed)
         return [text], (text.describe(),)
     from fabcraft.guidance.picture import PictureGuidance, targets_of
     from fabcraft.guidance.target_points import TargetPoints
@@ -134,8 +136,8 @@ def _guidance(
     points = TargetPoints.of(
         goal.mesh, rest, body=distance, clearance_mm=settings.clearance_mm, weight=100.0, seed=recipe.seed
     )
-    name = Path(recipe.guidance).name
-    return [pictures, points], (f"guidance mesh {name}, {goal.words}", pictures.describe(), points.describe())
+    file = Path(recipe.guidance).name
+    return [pictures, points], (f"guidance mesh {file}, {goal.words}", pictures.describe(), points.describe())
 
 
 def _contacts(template: Template) -> "ContactSet | None":

@@ -15,11 +15,11 @@ from fabcraft.judge import motif_likeness, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
+from fabcraft.road.base import built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished
 from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
 from fabcraft.solid.mount import mount
 from fabcraft.solid.slab import slab
-from fabcraft.template.kinds import kind_of
 from fabcraft.template.motif_plate import plate
 from fabcraft.template.picture_space import PictureSpace
 from fabcraft.template.template import MotifFrame, Template
@@ -37,8 +37,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     """
     assert given.picture is not None
     with clock.stage("template"):
-        kind = kind_of(recipe.template)
-        template = kind.build(body, kind.settled(recipe.parameters))
+        template = built(recipe.template, body, recipe.parameters, recipe.own)
         frame = _frame(template, recipe.frame, recipe.reading)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,11 @@ SOLIDS = NAMES[1:]
 """Kinds that are finished solids before a motif is worked into them."""
 
 
+def is_own(name: str) -> bool:
+    """Whether a template's name is the file of a mesh of the user's own."""
+    return bool(Path(name).suffix) and Path(name).suffix.lower() != ".toml"
+
+
 def known(name: str) -> str:
     """`name`, when it is a template.  Raises `InputError` with the one that comes close."""
     if name in KINDS:
@@ -36,7 +42,7 @@ def known(name: str) -> str:
     close = difflib.get_close_matches(name, NAMES, n=1)
     raise InputError(
         f"there is no template called {name!r}" + (f"; did you mean {close[0]}?" if close else ""),
-        f"Templates: {', '.join(NAMES)}. A recipe file ends in .toml.",
+        f"Templates: {', '.join(NAMES)}, or a mesh file of your own. A recipe file ends in .toml.",
     )
 
 
