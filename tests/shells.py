@@ -65,9 +65,10 @@ def assert_mirrored(mesh: Mesh) -> None:
 
 def assert_motifs_outside(template: Template, *names: str) -> None:
     """Frames of these names, right-handed, on the outer surface, facing away from the body."""
-    assert tuple(motif.name for motif in template.motifs) == names
+    frames = [frame for frame in template.motifs if frame.reading == "motif"]
+    assert tuple(frame.name for frame in frames) == names
     surface = SurfaceDistance(template.mesh)
-    for motif in template.motifs:
+    for motif in frames:
         axes = np.stack([motif.right, motif.up, motif.outward])
         assert np.abs(axes @ axes.T - np.eye(3)).max() < 1e-6
         assert abs(surface.signed(motif.origin[None])[0]) < 0.15 * template.wall_mm

@@ -563,22 +563,21 @@ def test_ctrl_c_in_the_fit_keeps_the_best_so_far(
     monkeypatch.setattr(Progress, "tell", interrupting)
     words = [
         "make",
-        "mask",
+        "ring",
         "--sketch",
-        CAT,
+        str(EXAMPLES / "objects" / "star.png"),
         "--preset",
         "draft",
         "--no-pictures",
-        "--no-strap-slots",
         "--json",
     ]
-    assert main([*words, "-o", str(tmp_path / "cat.3mf")]) == 130
+    assert main([*words, "-o", str(tmp_path / "star.3mf")]) == 130
     told = capsys.readouterr()
     report = json.loads(told.out)
-    assert [path.name for path in tmp_path.iterdir()] == ["cat.3mf"]
+    assert [path.name for path in tmp_path.iterdir()] == ["star.3mf"]
     assert "interrupted: the best so far was written" in told.err
     assert any("stopped early" in finding["advice"] for finding in report["findings"])
-    assert report["metrics"]["genus"] == 2
+    assert report["metrics"]["genus"] == 1
     assert report["metrics"]["pen_max_mm"] <= 0.05
 
 

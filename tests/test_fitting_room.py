@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from fabcraft.body.human import human
@@ -98,10 +97,3 @@ def test_show_tells_parameters_and_places(capsys):
     ]
     assert main(["templates", "--json"]) == 0
     assert [one["template"] for one in json.loads(capsys.readouterr().out)] == list(NAMES)
-
-
-def test_a_plain_mask_gets_its_wall_and_its_openings():
-    tried = try_on("mask", human("child").part("head"))
-    assert tried.faults == () and tried.genus == 2
-    assert tried.object.volume_mm3 > 1e4
-    assert np.isfinite(tried.clearance_median_mm)

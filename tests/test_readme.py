@@ -53,7 +53,7 @@ def test_the_python_of_the_readme_runs(place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     exec(compile(PYTHON[0], "README.md", "exec"), {})
     assert "Printable" in capsys.readouterr().out
-    assert (place / "bangle.3mf").stat().st_size > 1000
+    assert (place / "star.3mf").stat().st_size > 1000
 
 
 def test_every_picture_of_the_readme_is_there():

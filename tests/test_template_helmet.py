@@ -62,9 +62,10 @@ def test_the_rim_is_a_brim_that_stands_out_most_in_front():
 
 def test_its_motif_frames_look_outward():
     assert_motifs_outside(built("helmet", "man"), "brow", "crown")
-    brow, crown = built("helmet", "man").motifs
+    brow, crown, crest = built("helmet", "man").motifs
     assert brow.outward[1] < -0.7
     assert crown.outward[2] > 0.99
+    assert (crest.name, crest.reading) == ("crest", "object") and crest.outward[0] == 1.0
 
 
 def test_a_helmet_with_an_undercut_is_refused_where_it_sticks():

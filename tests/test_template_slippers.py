@@ -58,8 +58,8 @@ def test_shoe_sizes_are_lengths_of_feet():
 
 def test_its_motif_frames_look_outward():
     template = built("slippers", "man")
-    toe, ears = template.motifs
-    assert (toe.name, ears.name) == ("toe", "ears")
+    toe, ears, sole = template.motifs
+    assert (toe.name, ears.name, sole.name, sole.reading) == ("toe", "ears", "sole", "object")
     assert toe.outward[2] > 0.5
     assert toe.outward[1] < 0.0
     assert_motifs_outside(template, "toe", "ears")

@@ -84,7 +84,8 @@ def test_a_slot_that_misses_the_wall_is_refused():
 def test_its_motif_frame_is_rolled_around_the_front_of_the_band():
     template = built("visor", "child")
     assert_motifs_outside(template, "front")
-    (front,) = template.motifs
+    front, crown = template.motifs
+    assert (crown.name, crown.reading) == ("crown", "object")
     assert front.outward[1] < -0.9
     point, way = front.axis
     away = front.origin - point

@@ -10,6 +10,8 @@ from fabcraft.cli.wearer import ANYBODY, Wearer
 from fabcraft.template.kinds import known
 
 if TYPE_CHECKING:
+    from fabcraft.guidance.drawing import Drawing
+    from fabcraft.mesh import Mesh
     from fabcraft.template.template import Template
 
 
@@ -47,13 +49,19 @@ def guidance(
     if show_input is not None:
         require_png(show_input, [file, body])
     from fabcraft.fitting_room import plain
-    from fabcraft.read.mesh_file import FORMATS
+    from fabcraft.guidance.edges import understand
+    from fabcraft.guidance.show import picture_of
+    from fabcraft.read.image_file import read_image
+    from fabcraft.read.mesh_file import FORMATS, read_mesh
 
-    base = plain(template, wearer.found(body))
     if Path(file).suffix.lower().removeprefix(".") in FORMATS:
-        told = _of_mesh(file, base)
+        mesh = read_mesh(file)
+        told = _of_mesh(mesh, Path(file).name, plain(template, wearer.found(body)))
     else:
-        told = _of_drawing(file, base, show_input)
+        drawing = understand(read_image(file))
+        told = _of_drawing(drawing, Path(file).name, plain(template, wearer.found(body)))
+        if show_input is not None:
+            told["files"] = written_png(show_input, picture_of(drawing))
     if json:
         result_json(told)
         return 0
@@ -64,15 +72,11 @@ def guidance(
     return 0
 
 
-def _of_drawing(file: str, base: "Template", picture: str | None) -> dict[str, Any]:
-    from fabcraft.guidance.edges import understand
+def _of_drawing(drawing: "Drawing", name: str, base: "Template") -> dict[str, Any]:
     from fabcraft.guidance.motif import place_motif
     from fabcraft.guidance.placement import place
-    from fabcraft.guidance.show import picture_of
-    from fabcraft.read.image_file import read_image
     from fabcraft.template.motif_plate import plate
 
-    drawing = understand(read_image(file))
     if base.kind == "sheet":
         placed, scale, where = place(drawing, base), 1.0, ""
     else:
@@ -82,9 +86,9 @@ def _of_drawing(file: str, base: "Template", picture: str | None) -> dict[str, A
     width, height = np.ptp(placed.outline, axis=0) / scale
     by = "eyes" if placed.by_eyes else "outline"
     counts = f"{len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
-    told = {
+    return {
         "route": [
-            f"sketch {Path(file).name}, {drawing.width} x {drawing.height} pixels",
+            f"sketch {name}, {drawing.width} x {drawing.height} pixels",
             f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm{where}",
         ],
         "understood": f"an outline, {counts}",
@@ -94,15 +98,11 @@ def _of_drawing(file: str, base: "Template", picture: str | None) -> dict[str, A
         "residual": list(drawing.dropped),
         "warnings": [*drawing.warnings, *placed.notes],
     }
-    return told | ({} if picture is None else {"files": written_png(picture, picture_of(drawing))})
 
 
-def _of_mesh(file: str, base: "Template") -> dict[str, Any]:
-    from fabcraft.read.mesh_file import read_mesh
-
-    mesh = read_mesh(file)
+def _of_mesh(mesh: "Mesh", name: str, base: "Template") -> dict[str, Any]:
     told: dict[str, Any] = {
-        "route": [f"guidance mesh {Path(file).name}, {len(mesh.faces):,} faces"],
+        "route": [f"guidance mesh {name}, {len(mesh.faces):,} faces"],
         "understood": "a mesh",
         "outline_closed": True,
         "holes": 0,
