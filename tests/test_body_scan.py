@@ -21,8 +21,6 @@ from fabcraft.body.human import human
 from fabcraft.body.model import human_model
 from fabcraft.body.scan import ScanSettings, scan
 from fabcraft.body.scan_part import part_model
-from fabcraft.errors import InputError
-from fabcraft.mesh import Mesh
 
 MOST_FACES = 55_000
 
@@ -128,10 +126,3 @@ def test_a_whole_body_comes_back(woman, tmp_path):
     path = saved(tmp_path / "all.ply", woman.mesh, Y_UP, 0.001)
     body = scan(path, ScanSettings(kind="body", up="y"))
     assert_usable(body, woman, 50, 2.0, 6.0, 4.0)
-
-
-def test_a_ball_is_refused(tmp_path):
-    shape = trimesh.creation.icosphere(4, radius=110.0)
-    mesh = Mesh(np.array(shape.vertices), shape.faces.astype(np.int32))
-    with pytest.raises(InputError, match="nobody was found"):
-        scan(saved(tmp_path / "ball.stl", mesh), ScanSettings(kind="head"))
