@@ -25,8 +25,9 @@ _RIMS = 2.2
 _RIM_ROUNDNESS = 0.7
 _OVER_MM = 1.0
 """How far the front of a drawn object that follows the surface stands out of it."""
-_DEEP, _PROUD = 30.0, 4.0
-"""What lies farther behind or before the frame is another part of the object (a necklace behind its pendant)."""
+_DEEP, _PROUD_MM = 30.0, 6.0
+"""What lies farther behind (picture units) or before (mm on a person) the frame is another part of the object: a necklace
+behind its pendant, a brim under a band."""
 
 
 def plate(
@@ -54,7 +55,7 @@ def plate(
         front = _even(half)
     else:
         above = space.scale * _OVER_MM if frame.depth_mm else THICKNESS
-        front = _front(carrier, half, above - 0.5 * THICKNESS)
+        front = _front(carrier, half, above - 0.5 * THICKNESS, space.scale * _PROUD_MM * template.scale)
     openings = [space.scale * opening for opening in frame.openings] if frame.depth_mm else []
     flat = triangulate([_outline(half), *openings], EDGE)
     sheet = Mesh(
@@ -101,12 +102,12 @@ def _grid(half: np.ndarray) -> Plane:
     return Plane(-reach, reach, 2.0, int(reach), int(reach))
 
 
-def _front(carrier: Mesh, half: np.ndarray, above: float) -> FrontSurface:
+def _front(carrier: Mesh, half: np.ndarray, above: float, proud: float) -> FrontSurface:
     """The height fields over the carrier's surface, `above` which the middle of the plate's wall lies at least."""
     plane = _grid(half)
     skin = front_heights(carrier, plane)
     # what stands out far before the frame (a brim under a band) is no more its ground than what lies far behind
-    near = np.isfinite(skin) & (skin > -_DEEP) & (skin < _PROUD)
+    near = np.isfinite(skin) & (skin > -_DEEP) & (skin < proud)
     if not near.any():
         raise InputError("there is nothing of the template behind this motif frame", "Choose another frame.")
     x, z = plane.centres()
