@@ -75,7 +75,8 @@ def crest(mesh: Mesh, inside: Bool[np.ndarray, " F"], depth_mm: float, reach_mm:
     lower, upper = mesh.bounds
     width = _OVER * float(upper[1] - lower[1])
     height = _UPRIGHT * width
-    origin = np.array([0.5 * depth_mm, 0.5 * (lower[1] + upper[1]), lower[2] + 0.5 * height])
+    ground = float(np.mean([end[1] for end in _rim_ends(mesh, width)]))
+    origin = np.array([0.5 * depth_mm, 0.5 * (lower[1] + upper[1]), ground + 0.5 * height])
     back, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     points = mesh.vertices[np.unique(mesh.faces[inside])]
     hollow = manifold3d.Manifold.hull_points(np.vstack([points, points - [0.0, 0.0, height]]))
@@ -84,10 +85,15 @@ def crest(mesh: Mesh, inside: Bool[np.ndarray, " F"], depth_mm: float, reach_mm:
     return MotifFrame("crest", origin, back, up, (width, height), reach_mm, depth_mm=depth_mm, free=free)
 
 
-def _below_the_rim(mesh: Mesh, width: float) -> manifold3d.Manifold:
-    """All that is under the line from the front of the rim to its back, in the middle of a shell."""
+def _rim_ends(mesh: Mesh, width: float) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
+    """(y, z) of the rim's front and of its lowest place behind, in the middle of a shell."""
     middle = mesh.vertices[np.abs(mesh.vertices[:, 0]) < 0.05 * width]
-    first, last = middle[middle[:, 1].argmin(), 1:], middle[middle[:, 2].argmin(), 1:]
+    return middle[middle[:, 1].argmin(), 1:], middle[middle[:, 2].argmin(), 1:]
+
+
+def _below_the_rim(mesh: Mesh, width: float) -> manifold3d.Manifold:
+    """All that is under the line from the front of the rim to its back."""
+    first, last = _rim_ends(mesh, width)
     along = (last - first) / (last[0] - first[0])
     ends = [first - width * along, first + 2.0 * width * along]
     corners = [
