@@ -23,14 +23,6 @@ if TYPE_CHECKING:
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Side by side: a file's tests stay together for their fixtures, and so do all that need the whole run."""
-    for item in items:
-        name = "cat" if "cat" in getattr(item, "fixturenames", ()) else item.path.name
-        item.add_marker(pytest.mark.xdist_group(name))
-
-
 @dataclass(frozen=True)
 class Run:
     """What a run left behind."""
