@@ -114,7 +114,8 @@ def test_the_page_embeds_every_picture_the_recipe_and_both_maps(cat) -> None:
 def test_a_second_run_in_another_process_writes_the_same_bytes(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(Path(__file__).parents[1] / "examples" / "objects" / "star.png", tmp_path)
-    text = 'template = "ring"\nsketch = "star.png"\npreset = "draft"\noutput = ["out/a.3mf", "out/a.stl"]\npictures = false\n'
+    text = 'template = "ring"\nsketch = "star.png"\npreset = "draft"\npictures = false\n'
+    text += 'output = ["out/a.3mf", "out/a.stl"]\n'
     written = []
     for run in ("one", "two"):
         recipe = tmp_path / "again.toml"
