@@ -97,3 +97,23 @@ def test_show_tells_parameters_and_places(capsys):
     ]
     assert main(["templates", "--json"]) == 0
     assert [one["template"] for one in json.loads(capsys.readouterr().out)] == list(NAMES)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "range_"), [("slippers", "EU99", "20 to 350 mm"), ("ring", "ISO99", "12 to 90 mm")]
+)
+def test_the_name_of_a_size_is_held_to_the_range_too(name, size, range_):
+    with pytest.raises(InputError, match=f"size = .* was asked of the {name}") as caught:
+        plain(name, human("child"), {"size": size})
+    assert range_ in str(caught.value)
+
+
+def test_a_masks_wall_is_a_parameter_like_the_others():
+    from fabcraft.recipe import Recipe
+    from fabcraft.road.sheet import asked_wall_mm
+
+    assert asked_wall_mm(Recipe()) == 0.0
+    assert asked_wall_mm(Recipe(wall_mm=3.0)) == 3.0
+    assert asked_wall_mm(Recipe(parameters={"wall": 2.0}, wall_mm=3.0)) == 2.0
+    with pytest.raises(InputError, match="wall = 99 was asked of the mask"):
+        asked_wall_mm(Recipe(parameters={"wall": 99.0}))

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from fabcraft.cli.console import result, say, show_report
+from fabcraft.cli.wearer import Units
 from fabcraft.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     from fabcraft.check.report import PrintReport
     from fabcraft.profile import PrinterProfile
 
-Units = Literal["mm", "cm", "m", "in"]
 WRONG, THIN = (214, 40, 40), (244, 150, 40)
 """Colours of the faces in `--problems`, sRGB."""
 

@@ -9,13 +9,12 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.cli.own import NOTHING, OwnFlags
+from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
 from fabcraft.template.kinds import is_own, known
 
 if TYPE_CHECKING:
     from fabcraft.recipe import Recipe
-
-Units = Literal["mm", "cm", "m", "in"]
 
 
 @Parameter(name="*")

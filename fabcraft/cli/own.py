@@ -1,14 +1,14 @@
 """What can be said of an own template mesh on the command line, wherever a template is named."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from cyclopts import Parameter
 
+from fabcraft.cli.wearer import Units
+
 if TYPE_CHECKING:
     from fabcraft.template.own import OwnSettings
-
-Units = Literal["mm", "cm", "m", "in"]
 
 
 @Parameter(name="*")

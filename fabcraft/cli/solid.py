@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, show_report
+from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from fabcraft.mesh import Mesh
     from fabcraft.profile import PrinterProfile
     from fabcraft.solid.thicken import SolidSettings
-
-Units = Literal["mm", "cm", "m", "in"]
 
 
 def solid(

@@ -99,11 +99,9 @@ def show_template(
     rows = [
         (key.replace("_", " "), worded(told[key])) for key in told if key not in _APART and told[key] != []
     ]
-    frames = ", ".join(
-        f"{one.name} ({one.size_mm[0]:.0f} x {one.size_mm[1]:.0f} mm)" for one in template.motifs
-    )
     rows += [("clearance mm", f"{template.listed_mm[0]:.2f} at least, {template.listed_mm[1]:.2f} usually")]
-    rows += [("places for a motif", frames)] if frames else []
+    for one in template.motifs:
+        rows.append((f"--as {one.reading}", f"{one.name}, {one.size_mm[0]:.0f} x {one.size_mm[1]:.0f} mm"))
     lines = [painted(f"{name}: {what}", "bold"), "", table(rows)]
     if told["parameters"]:
         lines += ["", listed([("--set", "here", "may be", "meaning"), *map(_row, told["parameters"])])]

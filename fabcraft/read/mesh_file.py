@@ -145,9 +145,9 @@ def _parts(path: Path, scene: Any) -> list[Mesh]:
     meshes = [(matrix, mesh) for matrix, mesh in placed if isinstance(mesh, trimesh.Trimesh)]
     check_face_count(path.name, sum(len(mesh.faces) for _, mesh in meshes))
     return [
-        Mesh(np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32)).transformed(
-            np.asarray(matrix, dtype=np.float64)
-        )
+        Mesh(
+            np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32), path.stem
+        ).transformed(np.asarray(matrix, dtype=np.float64))
         for matrix, mesh in meshes
         if len(mesh.faces)
     ]

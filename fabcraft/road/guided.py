@@ -16,6 +16,7 @@ from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import as_solid, built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished
+from fabcraft.road.sheet import asked_wall_mm
 from fabcraft.solid.thicken import SolidSettings, solidify
 from fabcraft.template.mask import mask
 from fabcraft.template.template import Template
@@ -81,7 +82,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
 def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
     """The template, and the closed solid that is deformed."""
     if recipe.template == "mask":
-        template = mask(body, recipe.wall_mm or SHEET_WALL_MM)
+        template = mask(body, asked_wall_mm(recipe) or SHEET_WALL_MM)
     else:
         template = built(recipe.template, body, recipe.parameters, recipe.own, even=True)
     return template, as_solid(template)

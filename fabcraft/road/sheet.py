@@ -20,6 +20,7 @@ from fabcraft.road.shaped import CELLS_MM, Clock, Given, Note, Shaped, Tell
 from fabcraft.solid.shell import shell
 from fabcraft.solid.slots import strap_slots
 from fabcraft.solid.thicken import SolidSettings
+from fabcraft.template.kinds import kind_of
 from fabcraft.template.mask import mask, natural_wall_mm
 from fabcraft.template.template import Template
 
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
 NO_SLOTS = "There is no room for strap slots beside the eyes; glue a band or a stick to the mask."
 
 
+def asked_wall_mm(recipe: Recipe) -> float:
+    """The wall of a mask as the recipe asks for it, as a parameter (`--set wall=3`) or as its wall; 0 where it does not."""
+    return float(kind_of("mask").settled(recipe.parameters).get("wall", recipe.wall_mm))
+
+
 def shape_sheet(recipe: Recipe, given: Given, body: Body, profile: PrinterProfile, clock: Clock) -> Shaped:
     """The mask of a recipe.
 
@@ -36,7 +42,7 @@ def shape_sheet(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     closed manifold comes out.
     """
     with clock.stage("template"):
-        template = mask(body, recipe.wall_mm or max(natural_wall_mm(body), profile.wall_mm))
+        template = mask(body, asked_wall_mm(recipe) or max(natural_wall_mm(body), profile.wall_mm))
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         drawing, relief, route, notes = _guidance(recipe, given, template)

@@ -170,7 +170,11 @@ def _closed(wrist: _Wrist, chosen: Mapping[str, float | str], edge: float) -> _M
     held = [ellipse.scaled(hand / ellipse.length), wrist.oval.grown(gap).moved(-wrist.oval.middle)]
     shape = Oval.holding([*held, *([] if wrist.soft else [one.oval.grown(gap) for one in stations])])
     needed = max(hand, shape.length)
-    inside = needed + BANGLE_PLAY_MM * wrist.scale if size is None else np.pi * diameter_mm(size)
+    inside = (
+        needed + BANGLE_PLAY_MM * wrist.scale
+        if size is None
+        else np.pi * KIND.within("size", diameter_mm(size))
+    )
     if inside < needed - gives:
         raise InputError(
             f"a closed bangle of {inside:.0f} mm inner girth does not go over the folded hand of {needed:.0f} mm",
@@ -268,7 +272,7 @@ def _open(wrist: _Wrist, chosen: Mapping[str, float | str], edge: float) -> _Mad
             0.0, _turning(narrow, wrist.oval) - 0.5 * (across - wrist.oval.length / np.pi) - gives
         )
     else:
-        across = diameter_mm(size)
+        across = KIND.within("size", diameter_mm(size))
     clearance = 0.5 * (across - wrist.oval.length / np.pi)
     if clearance < least:
         raise InputError(

@@ -44,15 +44,25 @@ class Kind:
             if one.choices and not (isinstance(value, int | float) and one.low < one.high):
                 if value not in one.choices:
                     raise InputError(
-                        f"{name} = {value} was asked of a {self.name}",
+                        f"{name} = {value} was asked of the {self.name}",
                         f"Choose {' or '.join(one.choices)}: {one.meaning}.",
                     )
-            elif isinstance(value, int | float) and not one.low <= value <= one.high:
-                raise InputError(
-                    f"{name} = {value:g} was asked of a {self.name}",
-                    f"Choose {one.low:g} to {one.high:g} {one.unit}".rstrip() + f": {one.meaning}.",
-                )
+            elif isinstance(value, int | float):
+                self.within(name, value)
         return dict(given)
+
+    def within(self, name: str, value: float) -> float:
+        """`value`, when the parameter may have it.  Also for what the name of a size stands for.
+
+        Raises `InputError` with the range otherwise.
+        """
+        one = next(parameter for parameter in self.parameters if parameter.name == name)
+        if not one.low <= value <= one.high:
+            raise InputError(
+                f"{name} = {value:g} was asked of the {self.name}",
+                f"Choose {one.low:g} to {one.high:g} {one.unit}".rstrip() + f": {one.meaning}.",
+            )
+        return value
 
     def worn(
         self, body: Body, part: str, places: Sequence[str]

@@ -125,7 +125,7 @@ def build(body: Body, settings: Settings) -> Template:
     fit = chosen.get("fit", "padded")
     room = part.clearance_mm(ROOM_MM[fit]) if isinstance(fit, str) else float(fit)
     windowed, padded = bool(chosen.get("window", 0.0)), bool(chosen.get("pads", 1.0))
-    size = fitting_mm(head, chosen.get("size"), KIND.name)
+    size = KIND.within("size", fitting_mm(head, chosen.get("size"), KIND.name))
     rim = _rim(head, chosen, windowed)
     # from over the ears up no part of a face is in the way: the axis may lean to where brow and nape need it
     axis = _UP if windowed else least_facing_axis(part, ("forehead", "nape", "temple_left", "temple_right"))

@@ -181,7 +181,7 @@ def _passing(
 
 def _of_size(needed: Oval, size: float | str | None) -> tuple[Oval, str]:
     """The inner side at the size that was asked, and a note of what size it is."""
-    girth = needed.length if size is None else asked({"ring_finger": size})[0].mm
+    girth = needed.length if size is None else KIND.within("size", asked({"ring_finger": size})[0].mm)
     if girth < needed.length - 0.05:
         raise InputError(
             f"a ring of {girth:.1f} mm inner girth does not go on this finger, which asks for {needed.length:.1f} mm",

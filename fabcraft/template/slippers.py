@@ -211,7 +211,7 @@ def _size(size: float | str | None, own: float) -> float:
             f"slippers for feet of {wanted:.0f} mm were asked, but this one is {own:.0f} mm long",
             f"Choose EU{np.ceil((own + 12.5) * 0.15):.0f} or MP{np.ceil(own / 5) * 5:.0f} or larger.",
         )
-    return wanted
+    return KIND.within("size", wanted)
 
 
 def _slipper(

@@ -157,7 +157,7 @@ def build(body: Body, settings: Settings) -> Template:
     part, s = head.part, head.scale
     wall = wall_mm(head, chosen, WALL_MM)
     room = float(chosen.get("fit", part.clearance_mm(ROOM_MM)))
-    size = fitting_mm(head, chosen.get("size"), KIND.name)
+    size = KIND.within("size", fitting_mm(head, chosen.get("size"), KIND.name))
     over = float(part.mesh.vertices[:, 2].max() - head.at["glabella"][2])  # little where a head is flat
     band = float(chosen.get("band", min(BAND_MM * s, _MOST_OVER * over)))
     long, tilted = (BRIM_MM, TILT_DEG) if part.kind != "character" else (SHORT_BRIM_MM, LESS_TILT_DEG)
