@@ -1,14 +1,7 @@
 import numpy as np
 import pytest
-from shells import (
-    assert_clean_solid,
-    assert_fits,
-    assert_mirrored,
-    assert_motifs_outside,
-    built,
-    skin,
-    wearer,
-)
+from shells import assert_fits, assert_mirrored, assert_motifs_outside
+from tried import assert_sound, built, skin, wearer
 
 from fabcraft.check.wear import measure_path
 from fabcraft.errors import InputError
@@ -21,7 +14,7 @@ BODIES = ("man", "figure")
 
 @pytest.mark.parametrize("body", BODIES)
 def test_it_is_a_clean_solid_alike_on_both_sides(body):
-    assert_clean_solid(built("helmet", body))
+    assert_sound(built("helmet", body))
     assert_mirrored(built("helmet", body).mesh)
 
 

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from fabcraft.body.body import Body
 from fabcraft.check.thickness import measure_thickness
 from fabcraft.check.topology import inspect_topology
 from fabcraft.check.wear import Donning, measure_path
@@ -20,13 +21,18 @@ ROUND_MM = 0.5
 
 
 @cache
-def built(kind: str, wearer: str, **settings: float | str) -> Template:
-    return kind_of(kind).build(find_body(wearer), settings)
+def wearer(name: str) -> Body:
+    return find_body(name)
 
 
 @cache
-def skin(kind: str, wearer: str, **settings: float | str) -> SurfaceDistance:
-    return SurfaceDistance(built(kind, wearer, **settings).body.mesh)
+def built(kind: str, body: str, **settings: float | str) -> Template:
+    return kind_of(kind).build(wearer(body), settings)
+
+
+@cache
+def skin(kind: str, body: str, **settings: float | str) -> SurfaceDistance:
+    return SurfaceDistance(built(kind, body, **settings).body.mesh)
 
 
 def taken_off(template: Template, mesh: Mesh) -> Donning:
