@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from fabcraft.body.bake_skin import mirrored
 from fabcraft.body.body import Body
+from fabcraft.geometry.edges import distinct_edges
 
 Support = Callable[[str, float], np.ndarray]
 Disc = Callable[[Iterable[int], float], np.ndarray]
@@ -156,7 +157,7 @@ def _front_vertex(vertices: np.ndarray, place: tuple[float, float]) -> int:
 
 
 def _edge_lengths(vertices: Float64[np.ndarray, "V 3"], faces: Int32[np.ndarray, "F 3"]) -> coo_matrix:
-    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    edges, _, _ = distinct_edges(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
     both = np.concatenate([edges, edges[:, ::-1]])
     lengths = np.linalg.norm(vertices[both[:, 0]] - vertices[both[:, 1]], axis=1)
     return coo_matrix((lengths, both.T), shape=(len(vertices),) * 2).tocsr()

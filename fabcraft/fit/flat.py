@@ -28,6 +28,7 @@ from fabcraft.fit.losses import (
     singular_values,
     smoothness_loss,
 )
+from fabcraft.fit.neighbours import Neighbours
 from fabcraft.fit.render import Topology, render
 from fabcraft.geometry.contour import (
     counter_clockwise,
@@ -37,7 +38,6 @@ from fabcraft.geometry.contour import (
     signed_distance_image,
     smooth,
 )
-from fabcraft.geometry.operators import edge_faces
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.geometry.triangulate import PlaneMesh
@@ -197,8 +197,7 @@ def _terms(
     areas = torch.from_numpy(system.areas).float().to(device)
     frames = torch.from_numpy(np.ascontiguousarray(system.frames[:, :2, :])).float().to(device)
     origin = torch.from_numpy(middle).float().to(device)
-    _, pairs = edge_faces(sheet.faces)
-    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0]).to(device)
+    neighbours = Neighbours.of(sheet.faces, device)
     topology = Topology.of(sheet.faces)
     loops = [torch.from_numpy(loop.astype(np.int64)).to(device) for loop in sheet.loops]
     matched: dict[str, list[Tensor]] = {}
@@ -229,7 +228,7 @@ def _terms(
         Term(
             "smoothness",
             weights.smoothness,
-            lambda state: smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner),
+            lambda state: smoothness_loss(state.restricted, frames, neighbours),
         ),
         Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
     ]

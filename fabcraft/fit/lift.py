@@ -32,9 +32,9 @@ from fabcraft.fit.losses import (
     rim_loss,
     smoothness_loss,
 )
+from fabcraft.fit.neighbours import Neighbours
 from fabcraft.fit.render import Images, Topology, render
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.operators import edge_faces
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.guidance.inflate import Relief
@@ -124,8 +124,7 @@ def _terms(
         torch.from_numpy(array).float().to(device) for array in (system.areas, system.frames, centre)
     )
     faces = torch.from_numpy(sheet.faces.astype(np.int64)).to(device)
-    _, pairs = edge_faces(sheet.faces)
-    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0]).to(device)
+    neighbours = Neighbours.of(sheet.faces, device)
     loops = tuple(torch.from_numpy(rim.astype(np.int64)).to(device) for rim in rims)
     every_rim = torch.cat(loops)
     laid = torch.from_numpy((sheet.vertices - centre) * scale).float().to(device)[every_rim][:, [0, 2]]
@@ -148,19 +147,20 @@ def _terms(
             matched["mine"] = torch.from_numpy(cKDTree(now).query(goals)[1]).to(device)
         return chamfer_loss(state.positions, goal, matched["goal"], matched["mine"])
 
-    def smoothness(state: State) -> Tensor:
-        return smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner)
-
     shape = [
         Term("chamfer", weights.chamfer, chamfer),
         Term("rim", weights.rim, lambda state: point_loss(state.positions[every_rim][:, [0, 2]], laid)),
         Term("jacobian", weights.jacobian, lambda state: jacobian_loss(state.restricted, frames, areas)),
-        Term("smoothness", weights.smoothness, smoothness),
+        Term(
+            "smoothness",
+            weights.smoothness,
+            lambda state: smoothness_loss(state.restricted, frames, neighbours),
+        ),
         Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
         Term(
             "consistency",
             weights.consistency,
-            lambda state: normal_consistency_loss(state.positions, faces, inner),
+            lambda state: normal_consistency_loss(state.positions, faces, neighbours),
         ),
         Term("ripple", weights.ripple, lambda state: rim_loss(state.positions, loops)),
     ]

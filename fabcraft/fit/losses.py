@@ -12,6 +12,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fabcraft.fit.neighbours import Neighbours
+
 
 @dataclass(frozen=True)
 class Term:
@@ -29,9 +31,11 @@ def jacobian_loss(
     return _area_mean(((restricted - rest) ** 2).sum((1, 2)), areas)
 
 
-def smoothness_loss(jacobians: Float[Tensor, "F D D"], pairs: Int[Tensor, "E 2"]) -> Tensor:
-    """Mean over neighbouring faces of ‖J_f − J_g‖²: bends in the deformation spread out instead of folding."""
-    return ((jacobians[pairs[:, 0]] - jacobians[pairs[:, 1]]) ** 2).sum((1, 2)).mean()
+def smoothness_loss(
+    restricted: Float[Tensor, "F D 2"], frames: Float[Tensor, "F E 2"], neighbours: Neighbours
+) -> Tensor:
+    """Mean over neighbouring faces of ‖J_f − J_g‖², J = R Wᵀ: bends in the deformation spread out instead of folding."""
+    return neighbours.variation(torch.einsum("fdk,fek->fde", restricted, frames).flatten(1))
 
 
 def singular_values(restricted: Float[Tensor, "F D 2"]) -> tuple[Tensor, Tensor]:
@@ -98,12 +102,12 @@ def contact_loss(signed_distance: Float[Tensor, " N"], gap: Float[Tensor, " N"])
 
 
 def normal_consistency_loss(
-    vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"], pairs: Int[Tensor, "E 2"]
+    vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"], neighbours: Neighbours
 ) -> Tensor:
     """Mean of 1 − cos between the normals of neighbouring faces: a smooth surface."""
-    a, b, c = vertices[faces].unbind(1)
+    a, b, c = vertices.index_select(0, faces.flatten()).view(-1, 3, 3).unbind(1)
     normals = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=1, eps=1e-12)
-    return (1.0 - (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(1)).mean()
+    return 0.5 * neighbours.variation(normals)  # |n − m|² = 2 (1 − n·m)
 
 
 def rim_loss(vertices: Float[Tensor, "V D"], loops: tuple[Int[Tensor, " _"], ...]) -> Tensor:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from fabcraft.fit.descend import State, rest_restriction
 from fabcraft.fit.losses import Term, collapse_loss, jacobian_loss, normal_consistency_loss, smoothness_loss
+from fabcraft.fit.neighbours import Neighbours
 from fabcraft.fit.presets import DeformWeights
 from fabcraft.geometry.operators import edge_faces
 from fabcraft.geometry.poisson import PoissonSystem
@@ -31,25 +32,29 @@ def shape_terms(
     base = rest_restriction(system, 3, device)
     areas = torch.from_numpy(system.areas).float().to(device)
     index = torch.from_numpy(system.faces.astype(np.int64)).to(device)
-    edges, pairs = edge_faces(system.faces)
-    inner = torch.from_numpy(pairs[pairs[:, 1] >= 0]).to(device)
+    edges, _ = edge_faces(system.faces)
+    neighbours = Neighbours.of(system.faces, device)
     terms = [
         Term("jacobian", weights.jacobian, lambda state: jacobian_loss(state.restricted, base, areas)),
         Term("collapse", weights.collapse, lambda state: collapse_loss(state.restricted, areas)),
         Term("edge", weights.edge, _edge_term(system, edges, device)),
     ]
-    if len(inner):
+    if neighbours.pairs:
         terms.append(
             Term(
-                "normal", weights.normal, lambda state: normal_consistency_loss(state.positions, index, inner)
+                "normal",
+                weights.normal,
+                lambda state: normal_consistency_loss(state.positions, index, neighbours),
             )
         )
         frames = torch.from_numpy(system.frames).float().to(device)
-
-        def smoothness(state: State) -> Tensor:
-            return smoothness_loss(torch.einsum("fdk,fek->fde", state.restricted, frames), inner)
-
-        terms.append(Term("smoothness", weights.smoothness, smoothness))
+        terms.append(
+            Term(
+                "smoothness",
+                weights.smoothness,
+                lambda state: smoothness_loss(state.restricted, frames, neighbours),
+            )
+        )
     if lock.any():
         terms.append(Term("locked", weights.locked, _lock_term(system, lock, origin, device)))
     return [term for term in terms if term.weight > 0.0]

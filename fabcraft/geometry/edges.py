@@ -17,10 +17,18 @@ def edge_uses(
     faces: Int[np.ndarray, "F 3"],
 ) -> tuple[Int64[np.ndarray, "F 3"], Int64[np.ndarray, " E"]]:
     """For every face the edge (corner k to k + 1) it uses, and how many faces use each edge."""
-    pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], 2).reshape(-1, 2).astype(np.int64), axis=1)
-    keys = pairs[:, 0] * (int(pairs.max(initial=0)) + 1) + pairs[:, 1]
-    _, edges, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    return edges.reshape(-1, 3).astype(np.int64), counts.astype(np.int64)
+    _, edges, counts = distinct_edges(np.stack([faces, np.roll(faces, -1, axis=1)], 2).reshape(-1, 2))
+    return edges.reshape(-1, 3), counts
+
+
+def distinct_edges(
+    pairs: Int[np.ndarray, "H 2"],
+) -> tuple[Int64[np.ndarray, "E 2"], Int64[np.ndarray, " H"], Int64[np.ndarray, " E"]]:
+    """Every pair once, as (lower, higher) in ascending order; which one each row is; how many rows are the same."""
+    ordered = np.sort(pairs, axis=1).astype(np.int64)
+    # one number sorts many times faster than two
+    codes, which, counts = np.unique(ordered @ [2**32, 1], return_inverse=True, return_counts=True)
+    return np.stack(np.divmod(codes, 2**32), axis=1), which.reshape(-1), counts.astype(np.int64)
 
 
 def components(faces: Int[np.ndarray, "F 3"]) -> Int32[np.ndarray, " F"]:
@@ -36,7 +44,7 @@ def components(faces: Int[np.ndarray, "F 3"]) -> Int32[np.ndarray, " F"]:
 
 def graph_laplacian(faces: Int[np.ndarray, "F 3"], count: int) -> csr_matrix:
     """Degree minus adjacency of `count` vertices, (V, V): what one is away from the sum of its neighbours."""
-    edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    edges, _, _ = distinct_edges(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
     both = np.concatenate([edges, edges[:, ::-1]])
     adjacent = coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
     return (diags(np.asarray(adjacent.sum(1)).ravel()) - adjacent).tocsr()

@@ -3,15 +3,23 @@
 Ray hits, the height of an offset surface, and the smoothest sheet over an obstacle.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse as sparse
 from jaxtyping import Bool, Float64
 from scipy.ndimage import gaussian_filter, grey_dilation
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.raster import rasterize
 from fabcraft.mesh import Mesh
+
+_STIFF = 300.0
+"""Of the springs that keep a sheet off its obstacle, beside a pull of 1."""
+_ROUNDS = 30
+_DIRECT = 4000
+"""Pixels from which on a sheet is sought on a coarser grid first."""
 
 
 def front_heights(mesh: Mesh, plane: Plane) -> Float64[np.ndarray, "H W"]:
@@ -46,7 +54,6 @@ def smoothest_over(
     pixel_mm: float,
     stiffness_mm: float,
     decay_mm: float,
-    rounds: int = 12,
 ) -> Float64[np.ndarray, "H W"]:
     """The smooth height m, mm, that minimises ∫ w (m − wanted)² + ℓ⁴ (Δm)² + ℓ⁴/d² |∇m|²  with m ≥ obstacle.
 
@@ -54,30 +61,66 @@ def smoothest_over(
 
     obstacle : -inf where nothing is in the way.  wanted, weight w : where the sheet should be, and how much (0..1).
     stiffness_mm ℓ : features narrower than about ℓ are bridged.  decay_mm d : where nothing is wanted the sheet goes on
-    as (Δ² − Δ/d²) m = 0, so a slope dies out over d.  The obstacle is kept by an active set of stiff springs.
+    as (Δ² − Δ/d²) m = 0, so a slope dies out over d.  The obstacle is kept by an active set of stiff springs, which is
+    sought on a grid of half the resolution first.
+    """
+    known = np.isfinite(wanted)
+    pull, aim = np.where(known, weight, 0.0), np.where(known, wanted, 0.0)
+    touched = np.zeros(obstacle.shape, dtype=bool)
+    if obstacle.size > _DIRECT:
+        aims = _halved(pull * aim, np.sum) / np.maximum(_halved(pull, np.sum), 1e-12)
+        coarse = _halved(obstacle, np.max), aims, _halved(pull, np.mean)
+        _, half = _resting(*coarse, 2.0 * pixel_mm, stiffness_mm, decay_mm, np.zeros(aims.shape, dtype=bool))
+        rows, columns = obstacle.shape
+        touched = np.repeat(np.repeat(half, 2, axis=0), 2, axis=1)[:rows, :columns] & np.isfinite(obstacle)
+    height, _ = _resting(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm, touched)
+    return height
+
+
+def _resting(
+    obstacle: Float64[np.ndarray, "H W"],
+    aim: Float64[np.ndarray, "H W"],
+    pull: Float64[np.ndarray, "H W"],
+    pixel_mm: float,
+    stiffness_mm: float,
+    decay_mm: float,
+    touched: Bool[np.ndarray, "H W"],
+) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
+    """The sheet of `smoothest_over`, and where it rests on the obstacle, by an active set that starts as `touched`.
+
+    The springs of one round differ little from those of the first, whose factorisation preconditions all the others.
     """
     rows, columns = obstacle.shape
     laplace = _grid_laplacian(rows, columns) / pixel_mm**2
     bending = stiffness_mm**4 * (laplace.T @ laplace) + (stiffness_mm**4 / decay_mm**2) * laplace
-    pull = np.where(np.isfinite(wanted), weight, 0.0).ravel()
-    aim = np.where(np.isfinite(wanted), wanted, 0.0).ravel()
     below = np.isfinite(obstacle).ravel()
     floor = np.where(below, obstacle.ravel(), 0.0)
-    stiff = 300.0
-    active: Bool[np.ndarray, " N"] = np.zeros(len(pull), dtype=bool)
-    height = np.zeros(len(pull))
-    for _ in range(rounds):
-        spring = stiff * active
-        matrix = (bending + sparse.diags(pull + spring)).tocsc()
-        height = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(
-            pull * aim + spring * floor
-        )
+    active, height, factor = touched.ravel(), np.zeros(obstacle.size), None
+    for _ in range(_ROUNDS):
+        spring = _STIFF * active
+        matrix = bending + sparse.diags(pull.ravel() + spring)
+        right = (pull * aim).ravel() + spring * floor
+        if factor is None:
+            factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            inverse = LinearOperator(matrix.shape, factor.solve)
+        height, missed = cg(matrix, right, x0=height, rtol=1e-10, maxiter=200, M=inverse)
+        if missed:  # too far from the first round: from here on this one's factorisation
+            factor = None
         # a spring that would have to pull downwards is let go; a point under the obstacle gets one
         changed = below & np.where(active, height <= floor + 1e-3, height < floor - 0.05)
-        if (changed == active).all():
+        if not missed and (changed == active).all():
             break
         active = changed
-    return height.reshape(rows, columns)
+    return height.reshape(rows, columns), active.reshape(rows, columns)
+
+
+def _halved(
+    values: Float64[np.ndarray, "H W"], pooled: Callable[..., np.ndarray]
+) -> Float64[np.ndarray, "I J"]:
+    """Blocks of 2 x 2 pixels made one; an odd last row or column is repeated."""
+    rows, columns = values.shape
+    even = np.pad(values, ((0, rows % 2), (0, columns % 2)), mode="edge")
+    return pooled(even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2), axis=(1, 3))
 
 
 def lifted_over(

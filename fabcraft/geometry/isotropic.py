@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int32
 
 from fabcraft.errors import InputError, MissingError, SolidError
+from fabcraft.geometry.edges import distinct_edges
 from fabcraft.mesh import Mesh
 
 Lengths = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
@@ -155,8 +156,8 @@ def clipped(mesh: Mesh, values: Float64[np.ndarray, " V"]) -> Mesh:
     signed = np.where(
         values < 0.0, np.minimum(values, -1e-12), np.maximum(values, 1e-12)
     )  # no vertex on the border
-    ends = np.unique(np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    ends = ends[signed[ends[:, 0]] * signed[ends[:, 1]] < 0.0].astype(np.int64)
+    ends, _, _ = distinct_edges(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
+    ends = ends[signed[ends[:, 0]] * signed[ends[:, 1]] < 0.0]
     share = (signed[ends[:, 0]] / (signed[ends[:, 0]] - signed[ends[:, 1]]))[:, None]
     cuts = (1.0 - share) * mesh.vertices[ends[:, 0]] + share * mesh.vertices[ends[:, 1]]
     code = ends @ [len(signed), 1]
@@ -191,7 +192,7 @@ def _positive_half(mesh: Mesh) -> Mesh:
 def reflected(half: Mesh, near_mm: float) -> Mesh:
     """The half and its mirror image, joined along its border within `near_mm` of the plane x = 0."""
     directed = half.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    pairs, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    pairs, _, count = distinct_edges(directed)
     vertices = np.array(half.vertices)
     seam = pairs[count == 1]
     rim = np.unique(seam[(np.abs(vertices[seam, 0]) < near_mm).all(1)])  # other borders may end at the plane

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Int32
 from scipy.sparse import coo_matrix, csr_matrix
 
+from fabcraft.geometry.edges import distinct_edges
+
 
 def loop_matrix(
     faces: Int32[np.ndarray, "F 3"], vertex_count: int
@@ -17,10 +19,8 @@ def loop_matrix(
     Returns (S, new_faces): S (V + E, V), rows sum to 1, the first V rows are the old vertices moved and the
     others one point per edge; new_faces (4 F, 3), the four children of face f at 4 f .. 4 f + 3.
     """
-    halves = np.sort(faces[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2), axis=1)  # edge k is opposite corner k
-    edges, edge_of_half = np.unique(halves, axis=0, return_inverse=True)
-    edge_of_half = edge_of_half.reshape(-1)
-    uses = np.bincount(edge_of_half, minlength=len(edges))
+    halves = faces[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2)  # edge k is opposite corner k
+    edges, edge_of_half, uses = distinct_edges(halves)
     inner = uses == 2
     odd = _edge_rows(edges, edge_of_half, faces.reshape(-1), inner, vertex_count)
     even = _vertex_rows(edges, inner, vertex_count)
@@ -68,7 +68,7 @@ def halving_matrix(
     Returns (S, new_faces): S (V + M, V) appends the middles of the M long edges; faces without one are kept.
     """
     ends = faces[:, [[1, 2], [2, 0], [0, 1]]]  # edge k is opposite corner k
-    edges, edge_of_half = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    edges, edge_of_half, _ = distinct_edges(ends.reshape(-1, 2))
     long = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1) > longest_mm
     place = np.where(long, len(vertices) + np.cumsum(long) - 1, -1)
     middles = place[edge_of_half.reshape(-1, 3)]
