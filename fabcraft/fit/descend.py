@@ -20,6 +20,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
+from fabcraft.fit.adam import adam_step
 from fabcraft.fit.losses import Term
 from fabcraft.geometry.poisson import PoissonSystem
 
@@ -170,18 +171,14 @@ class _Run:
     def __init__(
         self, system: PoissonSystem, terms: Sequence[Term], descent: Descent, start: Variables, ways: Ways
     ) -> None:
-        self.system, self.terms, self.descent, self.start, self.ways = system, terms, descent, start, ways
+        self.system, self.terms, self.descent, self.ways = system, terms, descent, ways
         self.base = rest_restriction(system, len(start.translation), start.offset.device)
         self.offset = start.offset.clone().requires_grad_(True)
         self.translation = start.translation.clone().requires_grad_(True)
-        self.optimiser = torch.optim.Adam(
-            [
-                {"params": [self.offset], "lr": descent.learning_rate},
-                {"params": [self.translation], "lr": descent.translation_rate},
-            ],
-            betas=descent.betas,
-        )
-        _restore(self.optimiser, self.offset, self.translation, start)
+        unknowns = (self.offset, self.offset, self.translation, self.translation)
+        self.moments = [one.clone() for one in start.moments or map(torch.zeros_like, unknowns)]
+        self.stepped = start.step if start.moments is not None else 0
+        self.rates = (descent.learning_rate, descent.translation_rate)
         self.history: dict[str, list[float]] = {
             name: [] for name in [*(term.name for term in terms), "total"]
         }
@@ -192,7 +189,14 @@ class _Run:
     def step(self) -> None:
         """One step of Adam; where it started is remembered."""
         self.last = self.offset.detach().clone(), self.translation.detach().clone()
-        self.optimiser.step()
+        self.stepped += 1
+        first, second, shift_first, shift_second = self.moments
+        unknowns = ((self.offset, first, second), (self.translation, shift_first, shift_second))
+        with torch.no_grad():
+            for (unknown, *moments), rate in zip(unknowns, self.rates, strict=True):
+                if unknown.grad is not None:
+                    mean, square = moments
+                    adam_step(unknown, unknown.grad, mean, square, self.stepped, rate, self.descent.betas)
 
     def halve_step(self) -> None:
         """Go half the way back to where the last step started: there the energy was a number."""
@@ -202,10 +206,9 @@ class _Run:
                 self.translation.lerp_(self.last[1], 0.5)
 
     def pace_rates(self, factor: float) -> None:
-        """Set the learning rates of the step to come."""
-        self.optimiser.param_groups[0]["lr"] = self.descent.learning_rate * factor
-        self.optimiser.param_groups[1]["lr"] = self.descent.translation_rate * factor
-        self.optimiser.zero_grad(set_to_none=True)
+        """Set the learning rates of the step to come, and forget the gradients of the last."""
+        self.rates = (self.descent.learning_rate * factor, self.descent.translation_rate * factor)
+        self.offset.grad = self.translation.grad = None
 
     def placed(self) -> tuple[Tensor, Tensor]:
         """J W of every face and the vertices, as the unknowns have it."""
@@ -267,7 +270,10 @@ class _Run:
             positions = self.placed()[1]
         if stopped in (Stop.INTERRUPTED, Stop.NOT_FINITE) and self.best_positions is not None:
             positions = self.best_positions
-        variables = _variables(self.optimiser, self.offset, self.translation, self.start)
+        first, second, *shift = self.moments
+        variables = Variables(
+            self.offset.detach(), self.translation.detach(), (first, second, shift[0], shift[1]), self.stepped
+        )
         return Descended(positions.detach().double().cpu().numpy(), variables, self.history, stopped)
 
 
@@ -279,29 +285,3 @@ def _numbers(values: Iterable[Tensor]) -> list[float]:
 
 def _finite(gradient: Tensor | None) -> bool:
     return gradient is None or bool(torch.isfinite(gradient).all())
-
-
-def _restore(optimiser: torch.optim.Adam, offset: Tensor, translation: Tensor, start: Variables) -> None:
-    if start.moments is None:
-        return
-    for parameter, first, second in ((offset, *start.moments[:2]), (translation, *start.moments[2:])):
-        optimiser.state[parameter] = {
-            "step": torch.tensor(float(start.step)),
-            "exp_avg": first.clone(),
-            "exp_avg_sq": second.clone(),
-        }
-
-
-def _variables(
-    optimiser: torch.optim.Adam, offset: Tensor, translation: Tensor, start: Variables
-) -> Variables:
-    if not optimiser.state.get(offset) or not optimiser.state.get(translation):
-        return start
-    first, second = optimiser.state[offset], optimiser.state[translation]
-    moments = (first["exp_avg"], first["exp_avg_sq"], second["exp_avg"], second["exp_avg_sq"])
-    return Variables(
-        offset.detach().clone(),
-        translation.detach().clone(),
-        (moments[0].clone(), moments[1].clone(), moments[2].clone(), moments[3].clone()),
-        int(first["step"]),
-    )

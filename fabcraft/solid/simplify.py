@@ -26,7 +26,7 @@ def simplify(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float]:
     """The closed mesh with as few faces as a deviation below `tolerance_mm` allows, and the tolerance
     that held.
 
-    Smaller tolerances are tried while faces cross or are needles; 0 means that the mesh came back as it was.
+    Needles that are left are meshed anew; smaller tolerances are tried while faces cross; 0 means that the mesh came back as it was.
     Raises `SolidError` when the input is not a closed manifold.
     """
     return simplify_manifold(to_manifold(mesh), tolerance_mm, mesh.name)
@@ -42,8 +42,11 @@ def simplify_manifold(solid: manifold3d.Manifold, tolerance_mm: float, name: str
         smaller = to_mesh(solid.simplify(share * tolerance_mm), name)
         if not len(smaller.faces) or len(self_intersecting_faces(smaller)):
             continue
-        if not _needles(smaller).any():
+        if not (flat := _needles(smaller)).any():
             return smaller, share * tolerance_mm
+        mended = _without(smaller, flat)
+        if not _needles(mended).any() and not len(self_intersecting_faces(mended)):
+            return mended, share * tolerance_mm
         sound = sound or (smaller, share * tolerance_mm)
     return sound or (to_mesh(solid, name), 0.0)
 
