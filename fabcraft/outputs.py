@@ -85,7 +85,7 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
         )
     require_outputs(recipe)
     beside = side_files(recipe)
-    files = (*recipe.output, *(str(path) for path in beside.values()))
+    files = (*recipe.output, *(str(path) for path in beside.values()), *made.report.files)
     report = replace(made.report, files=files)
     pictures = _pictures(made, tell) if beside else {}
     thumbnail = png_bytes(scene_picture([Item(made.object)], _views(made)["three_quarter"], (512, 512)))

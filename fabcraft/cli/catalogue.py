@@ -73,8 +73,8 @@ def show_printer(name: str, /, *, json: bool = False) -> int:
         return 0
     rows = []
     for key, value in values.items():
-        if key not in ("name", "title", "notes", "sources"):
-            text = " x ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else worded(value)
+        if key not in ("name", "title", "notes", "sources") and value not in (None, ()):
+            text = " x ".join(f"{one:g}" for one in value) if key == "build_mm" else worded(value)
             rows.append((key, text, profile.sources.get(key, "")))
     lines = [painted(f"{profile.name}: {profile.title}", "bold"), "", table(rows)]
     result("\n".join(lines + (["", profile.notes] if profile.notes else [])))
@@ -219,6 +219,8 @@ def worded(value: Any) -> str:
     """A value as a person writes it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ", ".join("from {:g}: {:g}".format(*one) if isinstance(one, tuple) else one for one in value)
     if isinstance(value, list):
         return (" x " if all(isinstance(one, float) for one in value) else ", ").join(
             worded(one) for one in value

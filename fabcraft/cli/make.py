@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.cli.own import NOTHING, OwnFlags
+from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
 from fabcraft.template.kinds import is_own, known
@@ -123,6 +124,7 @@ def make(
     *,
     flags: Flags = _NO_FLAGS,
     own: OwnFlags = NOTHING,
+    slicing: SliceFlags = UNSLICED,
     json: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -155,10 +157,17 @@ def make(
     from fabcraft.outputs import require_outputs, write_all
 
     require_outputs(recipe, what if _is_recipe(what) else "")
+    if slicing != UNSLICED:
+        from fabcraft.profile import load_profile
+
+        slicing.require(load_profile(recipe.printer), *recipe.output)
     from fabcraft import pipeline
 
     with Progress(quiet) as progress:
         made = pipeline.make(recipe, progress.tell)
+        if slicing.slice:
+            progress.tell("slice", 0, 1)
+        made = replace(made, report=slicing.told(made.report, made.on_bed, made.profile))
         report = replace(made.report, files=write_all(made, progress.tell))
     if made.interrupted:
         say("interrupted: the best so far was written")
