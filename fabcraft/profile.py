@@ -160,12 +160,19 @@ def read_profile(path: Path | Traversable) -> PrinterProfile:
             raise InputError(
                 f"{where}: is {path.stat().st_size:,} bytes; a profile has a few thousand", "Check the path."
             )
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{where}: cannot be read ({error.strerror})", "Check the path.") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: is not a text file in UTF-8", "Check the path.") from error
-    except tomllib.TOMLDecodeError as error:
+    return parse_profile(text, where, path.name.removesuffix(".toml"))
+
+
+def parse_profile(text: str, where: str, name: str) -> PrinterProfile:
+    """The profile of that name in TOML text.  where : the file, for errors.  Raises `InputError` as `read_profile`."""
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{where}: is not valid TOML: {error}", _compare_with_shipped()) from error
     _refuse_unknown(where, table)
     try:
@@ -174,7 +181,19 @@ def read_profile(path: Path | Traversable) -> PrinterProfile:
         raise InputError(f"{where}: {_plain(str(error))}", _compare_with_shipped()) from error
     _require_sources(where, profile)
     _require_sense(where, profile)
-    return replace(profile, name=path.name.removesuffix(".toml"))
+    return replace(profile, name=name)
+
+
+def own_folder() -> Path:
+    """Where the user's own profiles go: `$FABCRAFT_PROFILES`, or the user's configuration folder."""
+    named = os.environ.get("FABCRAFT_PROFILES")
+    return Path(named) if named else _configured()
+
+
+def _configured() -> Path:
+    import platformdirs  # 15 ms that a path to a file need not pay
+
+    return Path(platformdirs.user_config_dir("fabcraft", appauthor=False)) / "profiles"
 
 
 def _folders() -> Iterator[Path | Traversable]:
@@ -184,9 +203,7 @@ def _folders() -> Iterator[Path | Traversable]:
         yield repository / "profiles"
     if named := os.environ.get("FABCRAFT_PROFILES"):
         yield Path(named)
-    import platformdirs  # 15 ms that a path to a file need not pay
-
-    yield Path(platformdirs.user_config_dir("fabcraft", appauthor=False)) / "profiles"
+    yield _configured()
 
 
 def _found() -> dict[str, Path | Traversable]:
