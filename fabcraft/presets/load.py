@@ -14,7 +14,6 @@ from fabcraft.errors import InputError
 from fabcraft.presets.cura import machine_of_cura
 from fabcraft.presets.derive import profile_of
 from fabcraft.presets.ini import machine_of_ini
-from fabcraft.presets.machine import words
 from fabcraft.presets.orca import machine_of_orca
 from fabcraft.profile import PrinterProfile, parse_profile
 
@@ -31,7 +30,7 @@ def import_printer(path: Path | str, name: str | None = None, preset: str | None
     """
     path = Path(path)
     text = _text(path)
-    if text.lstrip()[:1] in ("{", "["):
+    if text.lstrip().startswith("{") or path.suffix.lower() == ".json":
         table = _object(text, path)
         if preset is not None:
             raise InputError(f"{path.name} is no bundle of PrusaSlicer", "Leave --preset out.")
@@ -69,8 +68,11 @@ def profile_toml(profile: PrinterProfile) -> str:
 def _toml(value: Any) -> str:
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(_toml(one) for one in value)}]"
-    # JSON's strings, numbers and booleans are TOML's; unprintable characters were taken out before
-    return json.dumps(words(value, "") if isinstance(value, str) else value, ensure_ascii=False)
+    if isinstance(
+        value, str
+    ):  # JSON's strings are TOML's but for DEL and lone surrogates, which do not print
+        value = "".join(one if one.isprintable() else " " for one in value)
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _text(path: Path) -> str:
