@@ -68,9 +68,18 @@ def require_outputs(recipe: Recipe, source: str = "") -> None:
     """
     for output in recipe.output:
         checked_extension(output)
+    require_places(outputs_of(recipe), inputs_of(recipe, source))
+
+
+def outputs_of(recipe: Recipe) -> list[str]:
+    """Every path that `write_all` would write."""
+    return [*recipe.output, *map(str, side_files(recipe).values())]
+
+
+def inputs_of(recipe: Recipe, source: str = "") -> list[str]:
+    """What may be a file that the recipe reads.  source : the recipe's own file."""
     own = (recipe.template, recipe.own.transform, recipe.own.landmarks, recipe.own.locked)
-    inputs = (*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source)
-    require_places([*recipe.output, *side_files(recipe).values()], inputs)
+    return [*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source]
 
 
 def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None) -> tuple[str, ...]:

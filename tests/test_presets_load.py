@@ -262,8 +262,42 @@ def test_a_name_is_made_of_letters_and_digits():
         profile_name("///")
 
 
+def replaced(table: dict, dice: random.Random) -> bytes:
+    """The JSON with one of its values, at any depth, made something else."""
+    odd = [
+        None,
+        [],
+        {},
+        "",
+        0,
+        -1,
+        True,
+        1e308,
+        "nan",
+        "0x0",
+        "x" * 300,
+        [[["0x0"]]],
+        {"value": "="},
+        ["a", {}],
+        "inherits",
+    ]
+    places = []
+    waiting: list = [table]
+    while waiting:
+        one = waiting.pop()
+        keys = list(one) if isinstance(one, dict) else range(len(one))
+        places += [(one, key) for key in keys]
+        waiting += [one[key] for key in keys if isinstance(one[key], (dict, list))]
+    for _ in range(dice.randint(1, 3)):
+        one, key = dice.choice(places)
+        one[key] = dice.choice(odd)
+    return json.dumps(table).encode()
+
+
 def mutated(data: bytes, dice: random.Random) -> bytes:
-    """A few bytes flipped, cut out, doubled or replaced by what parsers stumble over."""
+    """A value of JSON replaced, or a few bytes cut out, doubled or replaced, by what parsers stumble over."""
+    if data[:1] == b"{" and dice.random() < 0.6:
+        return replaced(json.loads(data), dice)
     awkward = [
         b"{",
         b"]",
@@ -284,7 +318,7 @@ def mutated(data: bytes, dice: random.Random) -> bytes:
         at = dice.randrange(len(text) + 1)
         end = min(len(text), at + dice.choice((0, 1, 3, 40)))
         piece = dice.choice(
-            (b"", bytes(text[at:end]) * 2, dice.choice(awkward), bytes([dice.randrange(256)]))
+            (b"", bytes(text[at:end]) * 2, dice.choice(awkward), bytes([dice.randrange(128)]))
         )
         text[at:end] = piece
     return bytes(text)

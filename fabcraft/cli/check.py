@@ -63,7 +63,7 @@ def check(
 
         require_places(places, [file, printer])
     profile = load_profile(printer)
-    slicing.require(profile, *map(str, places))
+    slicing.require(profile, map(str, places), [file, printer])
     from fabcraft.check.inspect import inspect_mesh
     from fabcraft.read.mesh_file import read_mesh
 

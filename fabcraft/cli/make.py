@@ -154,13 +154,14 @@ def make(
     recipe = recipe_from(what, flags, own)
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
-    from fabcraft.outputs import require_outputs, write_all
+    from fabcraft.outputs import inputs_of, outputs_of, require_outputs, write_all
 
     require_outputs(recipe, what if _is_recipe(what) else "")
     if slicing != UNSLICED:
         from fabcraft.profile import load_profile
 
-        slicing.require(load_profile(recipe.printer), *recipe.output)
+        source = what if _is_recipe(what) else ""
+        slicing.require(load_profile(recipe.printer), outputs_of(recipe), inputs_of(recipe, source))
     from fabcraft import pipeline
 
     with Progress(quiet) as progress:

@@ -1,5 +1,6 @@
 """`--slice` and `--gcode`, wherever a command makes or checks an object."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,8 +25,13 @@ class SliceFlags:
     gcode: str | None = None
     """With --slice: keep the G-code; PrusaSlicer's is made with general speeds and start code, so look it through."""
 
-    def require(self, profile: "PrinterProfile | None", *others: str) -> None:
-        """Raise `InputError` for what cannot be done, before the long work.  others : paths that are taken."""
+    def require(
+        self, profile: "PrinterProfile | None", outputs: Iterable[str], inputs: Iterable[str]
+    ) -> None:
+        """Raise `InputError` for what cannot be done, before the long work.
+
+        outputs, inputs : the paths that the command writes and reads besides.
+        """
         if self.gcode is not None and not self.slice:
             raise InputError("--gcode was given without --slice", "Give --slice as well.")
         if not self.slice:
@@ -40,7 +46,7 @@ class SliceFlags:
                 )
             from fabcraft.write.places import require_places
 
-            require_places([self.gcode, *others])
+            require_places([self.gcode, *outputs], inputs)
 
     def told(self, report: "PrintReport", mesh: "Mesh", profile: "PrinterProfile") -> "PrintReport":
         """The report, with the slicer's view when it is asked for."""

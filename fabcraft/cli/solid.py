@@ -66,7 +66,7 @@ def solid(
         No progress on stderr.
     """
     settings, profile, place = _asked(file, output, printer, wall, body, clearance)
-    slicing.require(profile, str(place))
+    slicing.require(profile, [output or ""], [file, body or "", printer or ""])
     from fabcraft.geometry.distance import SurfaceDistance
     from fabcraft.read.mesh_file import read_mesh
     from fabcraft.solid.thicken import solidify
