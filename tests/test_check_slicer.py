@@ -265,7 +265,9 @@ def test_an_answer_without_figures_says_so():
 
 @real
 def test_the_command_tells_it_and_keeps_the_gcode(tmp_path, capsys, monkeypatch):
-    made = SimpleNamespace(mesh=box(8, 8, 3), notes=())  # making it solid is tested elsewhere, and takes its time
+    made = SimpleNamespace(
+        mesh=box(8, 8, 3), notes=()
+    )  # making it solid is tested elsewhere, and takes its time
     monkeypatch.setattr("fabcraft.solid.thicken.solidify", lambda *_: made)
     trimesh.creation.box((8, 8, 3)).export(tmp_path / "ring.stl")
     kept = tmp_path / "ring.gcode"
