@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from fabcraft.check.report import PrintReport
-from fabcraft.check.slicer import SlicerAnswer, ask_slicer, slicer_findings, with_slicing
+from fabcraft.check.slicer import ask_slicer, slicer_findings, with_slicing
 from fabcraft.check.slicer_settings import slicer_ini
 from fabcraft.cli import main
 from fabcraft.errors import InputError
@@ -258,9 +258,13 @@ def test_another_slicer_that_is_absent_is_a_note_and_one_that_fails_a_failure(tm
     assert answer.sliced is False and answer.error == "bad mesh"
 
 
-def test_an_answer_without_figures_says_so():
-    (finding,) = slicer_findings(SlicerAnswer("x", sliced=True), MK4)
-    assert "tells no time or material" in finding.advice
+def test_a_product_without_figures_is_sliced_and_says_so(tmp_path):
+    script = "import sys, pathlib\npathlib.Path(sys.argv[1]).write_bytes(bytes(range(256)) * 40)\n"
+    profile = other(tmp_path, script, "{output}", "{input}")
+    answer = ask_slicer(box(5, 5, 5), profile)
+    assert answer.sliced and answer.material_mm3 is None and answer.support_mm3 is None
+    (finding,) = slicer_findings(answer, profile)
+    assert finding.severity == "note" and "tells no time or material" in finding.advice
 
 
 @real

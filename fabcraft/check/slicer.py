@@ -172,7 +172,8 @@ def _summary(answer: SlicerAnswer, profile: PrinterProfile) -> str:
         weight = "" if answer.material_g is None else f" ({answer.material_g:.1f} g)"
         figures.append(f"{answer.material_mm3 / 1000:.1f} cm³{weight}")
     if answer.support_mm3 is not None:
-        figures.append(f"{answer.support_mm3 / 1000:.1f} cm³ of it support")
+        share = f"{answer.support_mm3 / 1000:.2g} cm³ of it" if answer.support_mm3 else "no"
+        figures.append(f"{share} support")
     text = f"{answer.program} slices it for the {profile.name or profile.title}"
     text += f": {', '.join(figures)}" if figures else ", and tells no time or material"
     if profile.slicer_command:
@@ -213,6 +214,8 @@ def _measured(made: Path, mesh: Mesh, profile: PrinterProfile, answer: SlicerAns
             )
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         return SlicerAnswer(answer.program, error=f"what {answer.program} made cannot be read: {error}")
+    if not answer.material_mm3 and profile.slicer_command:  # resin, or G-code in words of its own
+        return replace(answer, material_mm3=None, support_mm3=None, laid_mm3=None, layers=None)
     if not answer.material_mm3:
         return SlicerAnswer(answer.program, sliced=False, error="nothing would be printed")
     if weight is not None:
