@@ -68,9 +68,18 @@ def require_outputs(recipe: Recipe, source: str = "") -> None:
     """
     for output in recipe.output:
         checked_extension(output)
+    require_places(outputs_of(recipe), inputs_of(recipe, source))
+
+
+def outputs_of(recipe: Recipe) -> list[str]:
+    """Every path that `write_all` would write."""
+    return [*recipe.output, *map(str, side_files(recipe).values())]
+
+
+def inputs_of(recipe: Recipe, source: str = "") -> list[str]:
+    """What may be a file that the recipe reads.  source : the recipe's own file."""
     own = (recipe.template, recipe.own.transform, recipe.own.landmarks, recipe.own.locked)
-    inputs = (*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source)
-    require_places([*recipe.output, *side_files(recipe).values()], inputs)
+    return [*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source]
 
 
 def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None) -> tuple[str, ...]:
@@ -85,7 +94,7 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
         )
     require_outputs(recipe)
     beside = side_files(recipe)
-    files = (*recipe.output, *(str(path) for path in beside.values()))
+    files = (*recipe.output, *(str(path) for path in beside.values()), *made.report.files)
     report = replace(made.report, files=files)
     pictures = _pictures(made, tell) if beside else {}
     thumbnail = png_bytes(scene_picture([Item(made.object)], _views(made)["three_quarter"], (512, 512)))

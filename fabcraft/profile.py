@@ -12,11 +12,12 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -27,6 +28,8 @@ from fabcraft.errors import InputError
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Slope = Annotated[float, msgspec.Meta(ge=0, le=90)]
+
+MAX_BYTES = 1_000_000
 
 Process = Literal["fdm", "sla", "sls", "mjf"]
 
@@ -85,12 +88,35 @@ class PrinterProfile:
     """What a printed length may be off, plus or minus."""
     tolerance_percent: NotNegative
     """The same as a share of the length; the larger of the two holds."""
+    line_width_mm: Positive | None = None
+    """Width of one bead of filament; left out: 1.125 nozzles, as slicers choose it."""
+    density_g_cm3: Positive | None = None
+    """Density of the material as printed solid; left out: weights are not told."""
+    exposure_s: Positive | None = None
+    """Exposure of one layer of resin; left out: printing times are not told."""
+    wall_by_size: tuple[tuple[Positive, Positive], ...] = ()
+    """Where large parts need thicker walls: [x + y + z from, least wall], mm, ascending; see `for_size`."""
+    slicer_command: tuple[str, ...] = ()
+    """Another slicer than PrusaSlicer for `--slice`: program and arguments, run without a shell; {input} is the part's STL
+    and {output} the file to make."""
     verified: bool
     """Whether every number was confirmed at its source or on a print of this machine."""
     notes: str = ""
     """What a maker should know besides the numbers."""
     sources: dict[str, str] = field(default_factory=dict)
     """Where each number comes from, by field."""
+
+    def for_size(self, size_mm: Iterable[float]) -> "PrinterProfile":
+        """The profile with the walls that a part of that size (x, y, z; mm) needs; see `wall_by_size`."""
+        total = sum(size_mm)
+        least = max((wall for start, wall in self.wall_by_size if total >= start), default=0.0)
+        walls = ("min_wall_supported_mm", "min_wall_mm", "wall_mm")
+        return replace(self, **{name: max(getattr(self, name), least) for name in walls})
+
+    @property
+    def bead_mm(self) -> float:
+        """Width of one bead of filament, mm."""
+        return self.line_width_mm or 1.125 * self.nozzle_mm
 
     def tolerance_at(self, length_mm: float) -> float:
         """What a printed length of `length_mm` may be off, mm."""
@@ -130,12 +156,23 @@ def read_profile(path: Path | Traversable) -> PrinterProfile:
     """
     where = _shown(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        if isinstance(path, Path) and path.stat().st_size > MAX_BYTES:
+            raise InputError(
+                f"{where}: is {path.stat().st_size:,} bytes; a profile has a few thousand", "Check the path."
+            )
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{where}: cannot be read ({error.strerror})", "Check the path.") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: is not a text file in UTF-8", "Check the path.") from error
-    except tomllib.TOMLDecodeError as error:
+    return parse_profile(text, where, path.name.removesuffix(".toml"))
+
+
+def parse_profile(text: str, where: str, name: str) -> PrinterProfile:
+    """The profile of that name in TOML text.  where : the file, for errors.  Raises `InputError` as `read_profile`."""
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{where}: is not valid TOML: {error}", _compare_with_shipped()) from error
     _refuse_unknown(where, table)
     try:
@@ -144,7 +181,19 @@ def read_profile(path: Path | Traversable) -> PrinterProfile:
         raise InputError(f"{where}: {_plain(str(error))}", _compare_with_shipped()) from error
     _require_sources(where, profile)
     _require_sense(where, profile)
-    return replace(profile, name=path.name.removesuffix(".toml"))
+    return replace(profile, name=name)
+
+
+def own_folder() -> Path:
+    """Where the user's own profiles go: `$FABCRAFT_PROFILES`, or the user's configuration folder."""
+    named = os.environ.get("FABCRAFT_PROFILES")
+    return Path(named) if named else _configured()
+
+
+def _configured() -> Path:
+    import platformdirs  # 15 ms that a path to a file need not pay
+
+    return Path(platformdirs.user_config_dir("fabcraft", appauthor=False)) / "profiles"
 
 
 def _folders() -> Iterator[Path | Traversable]:
@@ -154,9 +203,7 @@ def _folders() -> Iterator[Path | Traversable]:
         yield repository / "profiles"
     if named := os.environ.get("FABCRAFT_PROFILES"):
         yield Path(named)
-    import platformdirs  # 15 ms that a path to a file need not pay
-
-    yield Path(platformdirs.user_config_dir("fabcraft", appauthor=False)) / "profiles"
+    yield _configured()
 
 
 def _found() -> dict[str, Path | Traversable]:
@@ -183,6 +230,8 @@ def _numbers(profile: PrinterProfile) -> Iterator[tuple[str, tuple[float, ...]]]
     for name in (entry.name for entry in fields(PrinterProfile)):
         value: Any = getattr(profile, name)
         values = value if isinstance(value, tuple) else (value,)
+        if values and isinstance(values[0], tuple):
+            values = tuple(chain.from_iterable(values))
         if values and all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values):
             yield name, values
 
@@ -228,6 +277,15 @@ def _require_sense(where: str, profile: PrinterProfile) -> None:
         raise InputError(
             f"{where}: nozzle_mm: expected more than 0 for process fdm",
             "A filament printer's walls follow its nozzle.",
+        )
+    if profile.wall_by_size != tuple(sorted(profile.wall_by_size)):
+        raise InputError(
+            f"{where}: wall_by_size: expected ascending sizes", "Sort the pairs by their first number."
+        )
+    if profile.slicer_command and not any("{input}" in word for word in profile.slicer_command):
+        raise InputError(
+            f"{where}: slicer_command: expected {{input}} in one of its arguments, found none",
+            'It stands for the part\'s file: slicer_command = ["my-slicer", "--output", "{output}", "{input}"].',
         )
 
 

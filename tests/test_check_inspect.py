@@ -85,6 +85,30 @@ def test_a_check_that_raises_becomes_a_failure(monkeypatch):
     assert "the library fell over" in report.findings[0].advice
 
 
+@pytest.mark.parametrize(
+    ("place", "check"),
+    [
+        ("topology.inspect_topology", "topology"),
+        ("printability.inspect_printability", "printability"),
+        ("thickness.measure_thickness", "wall"),
+    ],
+)
+def test_no_check_that_breaks_leaves_a_sound_box_printable(monkeypatch, place, check):
+    def broken(*_arguments: object) -> None:
+        raise MemoryError("no room")
+
+    monkeypatch.setattr(f"fabcraft.check.{place}", broken)
+    report = check_mesh(box(20, 20, 20), MK4)
+    assert not report.printable
+    assert check in [finding.check for finding in report.findings if not finding.ran]
+
+
+def test_a_large_part_is_held_to_the_walls_of_its_size():
+    plate = box(120, 100, 1.5)
+    assert "wall" in [one.check for one in check_mesh(plate, load_profile("resin-service")).findings]
+    assert "wall" not in [one.check for one in check_mesh(plate, load_profile("form4")).findings]
+
+
 def test_a_worn_object_is_checked_on_its_body():
     body = SurfaceDistance(box(100, 100, 100))
     pad = box(20, 20, 20)

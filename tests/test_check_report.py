@@ -64,6 +64,19 @@ def test_a_check_that_could_not_run_is_a_failure():
     assert not PrintReport(findings=(finding,)).printable
 
 
+def test_nothing_is_called_printable_that_was_not_checked():
+    unknown = PrintReport(findings=(could_not_run("wall", "no inside"), PARTS))
+    assert unknown.verdict == "Not known to be printable, could not check: wall."
+    assert unknown.to_dict()["findings"][0]["ran"] is False
+    both = PrintReport(
+        findings=(could_not_run("wall", "no inside"), Finding(check="size", severity="fail", advice="x"))
+    )
+    assert both.verdict == "Not printable: wall, size."
+    sound = PrintReport(findings=(PARTS,), unchecked="walls")
+    assert (sound.printable, sound.failed) == (False, False)
+    assert sound.verdict == "Sound, but not checked: walls."
+
+
 def test_the_worst_comes_first():
     assert [one.check for one in PrintReport(findings=(PARTS, HANGS, THIN)).findings] == [
         "wall",

@@ -86,7 +86,7 @@ def test_the_slicer_finds_one_manifold_part_and_slices_it(cat) -> None:
     info = dict(map(str.strip, line.split(" = ")) for line in told.stdout.splitlines() if " = " in line)
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")
     assert info.get("open_edges", "0") == "0"
-    answer = ask_slicer(read_mesh(cat.folder / "out" / "cat.stl"), cat.made.profile, slice_it=True)
+    answer = ask_slicer(read_mesh(cat.folder / "out" / "cat.stl"), cat.made.profile)
     assert answer.sliced is True
     assert (answer.seconds or 0) > 600
 

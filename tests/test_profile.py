@@ -1,5 +1,6 @@
 """Profiles: what is shipped, where files are looked for, and what a wrong file is told."""
 
+import dataclasses
 import importlib.resources
 import tomllib
 from pathlib import Path
@@ -47,6 +48,33 @@ def test_resin_profile_has_no_nozzle_and_a_drain_hole():
     assert form4.nozzle_mm == 0
     assert form4.drain_hole_mm == 3.5
     assert form4.min_wall_supported_mm < form4.min_wall_mm <= form4.wall_mm
+
+
+def test_the_fifteen_printers_are_shipped_and_none_claims_to_be_verified():
+    shipped = {path.stem: read_profile(path) for path in SHIPPED.glob("*.toml")}
+    fdm = {"prusa-mk4", "prusa-xl", "prusa-core-one", "prusa-mini", "bambu-p1s", "bambu-a1", "ender3"}
+    resin = {"form3", "form4", "prusa-sl1s", "photon-mono-x", "resin-service"}
+    assert set(shipped) == fdm | resin | {"sls-pa12", "mjf-pa12", "mjf-tpu"}
+    assert {name for name, one in shipped.items() if one.process == "fdm"} == fdm
+    assert {name for name, one in shipped.items() if one.process == "sla"} == resin
+    assert not any(one.verified for one in shipped.values())
+    assert shipped["prusa-xl"].build_mm == (360, 360, 360)
+    assert shipped["ender3"].clearance_moving_mm == 0.6
+    assert shipped["mjf-tpu"].wall_mm == 1.5
+
+
+def test_large_parts_of_a_resin_service_need_thicker_walls():
+    service, mk4 = load_profile("resin-service"), load_profile("prusa-mk4")
+    small, middle, large = (60.0, 60.0, 60.0), (99.0, 100.0, 1.0), (200.0, 200.0, 10.0)
+    assert [service.for_size(size).min_wall_mm for size in (small, middle, large)] == [1, 2, 3]
+    assert service.for_size(small) == service
+    assert mk4.for_size(large) == mk4
+
+
+def test_a_bead_is_as_wide_as_told_or_as_slicers_choose_it():
+    mk4 = load_profile("prusa-mk4")
+    assert mk4.bead_mm == pytest.approx(0.45)
+    assert dataclasses.replace(mk4, line_width_mm=0.6).bead_mm == 0.6
 
 
 def test_every_number_of_every_shipped_profile_names_its_source():
@@ -104,6 +132,22 @@ def test_a_missing_file_says_so():
         ("[sources]\n", '[sources]\nverified = "x"\n', r"sources: verified is not a number"),
         ("max_overhang_deg = 45.0", "max_overhang_deg = 100", r"max_overhang_deg: expected a number <= 90"),
         ("title =", "title = =", r"profiles/x.toml: is not valid TOML"),
+        (
+            "verified = false",
+            'slicer_command = ["x", "-o", "{output}"]\nverified = false',
+            r"slicer_command: expected \{input\}",
+        ),
+        (
+            "verified = false",
+            'slicer_command = "x {input}"\nverified = false',
+            r"slicer_command: expected a list",
+        ),
+        (
+            "verified = false",
+            "wall_by_size = [[400, 3.0], [200, 2.0]]\nverified = false",
+            r"wall_by_size: expected its source",
+        ),
+        ("verified = false", "line_width_mm = 0\nverified = false", r"line_width_mm: expected a number > 0"),
         ("verified = false", 'verified = "yes"', r"verified: expected true or false, got text"),
     ],
 )

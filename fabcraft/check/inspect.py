@@ -94,12 +94,11 @@ def check_mesh(
     profile: PrinterProfile,
     *,
     worn: Worn | None = None,
-    slicer: bool = False,
     route: tuple[str, ...] = (),
     files: tuple[str, ...] = (),
 ) -> PrintReport:
-    """Check `mesh` for `profile`; `worn`: also on its body; `slicer`: also in PrusaSlicer (up to minutes)."""
-    return inspect_mesh(mesh, profile, worn=worn, slicer=slicer, route=route, files=files).report
+    """Check `mesh` for `profile`; `worn`: also on its body."""
+    return inspect_mesh(mesh, profile, worn=worn, route=route, files=files).report
 
 
 def inspect_mesh(
@@ -107,7 +106,6 @@ def inspect_mesh(
     profile: PrinterProfile,
     *,
     worn: Worn | None = None,
-    slicer: bool = False,
     route: tuple[str, ...] = (),
     files: tuple[str, ...] = (),
 ) -> Inspection:
@@ -128,8 +126,6 @@ def inspect_mesh(
             )
         if worn is not None:
             _wear(worn.object or mesh, worn, ledger)
-        if slicer:
-            ledger.run("slicer", lambda: _slicer(mesh, profile, ledger))
     report = PrintReport(
         findings=tuple(ledger.findings),
         route=route,
@@ -183,6 +179,7 @@ def _printability(mesh: Mesh, profile: PrinterProfile, solid: bool, ledger: _Led
 def _wall(mesh: Mesh, profile: PrinterProfile, ledger: _Ledger) -> "Thickness":
     from fabcraft.check.thickness import measure_thickness
 
+    profile = profile.for_size(mesh.size_mm)
     supported, free = profile.min_wall_supported_mm, profile.min_wall_mm
     limit = max(1.5 * profile.wall_mm, 1.5 * max(supported, free))
     thickness = measure_thickness(mesh, free, supported, limit)
@@ -254,14 +251,3 @@ def _wear(mesh: Mesh, worn: Worn, ledger: _Ledger) -> None:
         ledger.run("donning", path)
     if worn.eyes is not None and len(worn.eyes):
         ledger.run("sight", sight)
-
-
-def _slicer(mesh: Mesh, profile: PrinterProfile, ledger: _Ledger) -> None:
-    from fabcraft.check.slicer import ask_slicer, slicer_findings
-
-    answer = ask_slicer(mesh, profile, slice_it=True)
-    ledger.findings += slicer_findings(answer, profile)
-    if answer.seconds is not None:
-        ledger.metrics["slicer_print_seconds"] = answer.seconds
-    if answer.filament_cm3 is not None:
-        ledger.metrics["slicer_filament_cm3"] = answer.filament_cm3

@@ -50,7 +50,7 @@ def inspect_printability(mesh: Mesh, profile: PrinterProfile, solid: bool = True
     # A face at angle a beyond the vertical looks down with sin a.
     steep = normals[:, 2] < -np.sin(np.radians(min(profile.max_overhang_deg + 1e-6, 90.0)))
     hanging = steep & ~resting
-    turn = _turn(mesh, profile.build_mm)
+    turn = turn_to_fit(mesh, profile.build_mm)
     return Printability(
         size_mm=(float(size[0]), float(size[1]), float(size[2])),
         volume_mm3=abs(mesh.volume_mm3) if solid else None,
@@ -134,7 +134,7 @@ def _size_findings(state: Printability, profile: PrinterProfile) -> list[Finding
     ]
 
 
-def _turn(mesh: Mesh, build_mm: tuple[float, float, float]) -> float | None:
+def turn_to_fit(mesh: Mesh, build_mm: tuple[float, float, float]) -> float | None:
     """The smallest turn about z, in steps of 1 degree, whose box fits the bed; None when none does."""
     if mesh.size_mm[2] > build_mm[2] + _FIT_MM:
         return None

@@ -1,9 +1,9 @@
 """`Finding` and `PrintReport`: what the checks say, as one object for people, pipes and the 3MF.
 
 A finding is a failure (the part would not print or not fit), a warning (look at it) or a note. A check that
-could not run is a failure too: not knowing is not the same as being safe. What was not measured is absent
-from `metrics`, never zero. Same findings, same bytes: keys come in a fixed order, numbers with six
-significant digits.
+could not run is a failure too: not knowing is not the same as being safe; what nobody asked to check is not
+called printable either. What was not measured is absent from `metrics`, never zero. Same findings, same
+bytes: keys come in a fixed order, numbers with six significant digits.
 """
 
 import json
@@ -44,6 +44,8 @@ class Finding:
     """Places on the object, mm, the worst first."""
     advice: str
     """What it means and what to do."""
+    ran: bool = True
+    """False: the check could not run, see `could_not_run`."""
 
     def to_dict(self) -> dict[str, Any]:
         """The keys of the report's JSON; those without content are left out."""
@@ -55,6 +57,7 @@ class Finding:
             ("unit", self.unit or None),
             ("where", self.where or None),
             ("advice", self.advice),
+            ("ran", None if self.ran else False),
         )
         return {key: _plain(value) for key, value in pairs if value is not None}
 
@@ -79,6 +82,8 @@ class PrintReport:
     """Everything that was found; `printable` and `verdict` follow from the findings."""
 
     findings: tuple[Finding, ...] = ()
+    unchecked: str = ""
+    """What of printing was not checked at all, in words; empty when all was."""
     route: tuple[str, ...] = ()
     """What became of the input, step by step."""
     metrics: Mapping[str, Value] = field(default_factory=dict)
@@ -98,9 +103,14 @@ class PrintReport:
         object.__setattr__(self, "seconds", MappingProxyType(dict(self.seconds)))
 
     @property
+    def failed(self) -> bool:
+        """Some finding is a failure."""
+        return any(finding.severity == "fail" for finding in self.findings)
+
+    @property
     def printable(self) -> bool:
-        """No finding is a failure."""
-        return all(finding.severity != "fail" for finding in self.findings)
+        """Everything was checked, and no finding is a failure."""
+        return not self.failed and not self.unchecked
 
     @property
     def verdict(self) -> str:
@@ -109,9 +119,16 @@ class PrintReport:
         warnings = sum(finding.severity == "warn" for finding in self.findings)
         aside = f" ({warnings} warning{'s' * (warnings > 1)})" if warnings else ""
         if not fails:
-            return f"Printable{aside}."
+            return (
+                f"Sound, but not checked: {self.unchecked}{aside}."
+                if self.unchecked
+                else f"Printable{aside}."
+            )
+        unknown = all(not finding.ran for finding in fails)
         names = ", ".join(dict.fromkeys(finding.check for finding in fails))
-        return f"Not printable: {names}{aside}."
+        return (
+            f"{'Not known to be printable, could not check' if unknown else 'Not printable'}: {names}{aside}."
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The object that `--json` prints."""
@@ -141,7 +158,7 @@ class PrintReport:
 def could_not_run(check: str, why: str, advice: str = "") -> Finding:
     """The failure that stands for a check that gave no answer."""
     said = f"could not run: {why.rstrip('.')}."
-    return Finding(check=check, severity="fail", advice=f"{said} {advice}".strip())
+    return Finding(check=check, severity="fail", advice=f"{said} {advice}".strip(), ran=False)
 
 
 def places(points: Iterable[Any], most: int = 8) -> tuple[Place, ...]:

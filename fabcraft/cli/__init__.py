@@ -14,11 +14,12 @@ from collections.abc import Callable, Sequence
 from cyclopts import App, CycloptsError
 
 from fabcraft import __version__
-from fabcraft.cli.catalogue import PLAIN, bodies, printers
+from fabcraft.cli.catalogue import PLAIN, bodies
 from fabcraft.cli.check import check
 from fabcraft.cli.console import drop_stdout, say
 from fabcraft.cli.guidance import guidance
 from fabcraft.cli.make import make
+from fabcraft.cli.printers import printers
 from fabcraft.cli.solid import solid
 from fabcraft.cli.templates import templates
 from fabcraft.cli.weights import weights

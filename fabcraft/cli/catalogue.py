@@ -1,7 +1,6 @@
-"""`fabcraft printers | bodies`: what there is to choose from."""
+"""`fabcraft bodies`: who there is to wear things."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,68 +16,8 @@ if TYPE_CHECKING:
 PLAIN = Parameter(negative=(), show_default=False)
 """No --no-json beside --json; where a default matters the help names it."""
 
-printers = App("printers", help="List the printer profiles, or show one.")
 bodies = App("bodies", help="List the built-in bodies, or show one or a scan.")
-for position, app in enumerate((bodies, printers)):
-    app.default_parameter, app.help_epilogue, app.sort_key = PLAIN, "", 10 + position
-
-
-@printers.default
-def list_printers(*, json: bool = False) -> int:
-    """List the printer profiles.
-
-    Parameters
-    ----------
-    json
-        Print JSON.
-    """
-    from fabcraft.profile import list_profiles
-
-    found = list_profiles()
-    if json:
-        result_json([{"name": one.name, "title": one.title, "process": one.process} for one in found])
-        return 0
-    rows = [("name", "printer", "process", "build volume, mm", "wall, mm")]
-    for one in found:
-        rows.append(
-            (
-                one.name,
-                one.title,
-                one.process,
-                " x ".join(f"{side:g}" for side in one.build_mm),
-                f"{one.wall_mm:g}",
-            )
-        )
-    result(listed(rows))
-    return 0
-
-
-@printers.command(name="show")
-def show_printer(name: str, /, *, json: bool = False) -> int:
-    """Show every number of a profile, and where it comes from.
-
-    Parameters
-    ----------
-    name
-        A name from `fabcraft printers`, or a TOML file.
-    json
-        Print JSON.
-    """
-    from fabcraft.profile import load_profile
-
-    profile = load_profile(name)
-    values = {entry.name: getattr(profile, entry.name) for entry in fields(profile)}
-    if json:
-        result_json(values)
-        return 0
-    rows = []
-    for key, value in values.items():
-        if key not in ("name", "title", "notes", "sources"):
-            text = " x ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else worded(value)
-            rows.append((key, text, profile.sources.get(key, "")))
-    lines = [painted(f"{profile.name}: {profile.title}", "bold"), "", table(rows)]
-    result("\n".join(lines + (["", profile.notes] if profile.notes else [])))
-    return 0
+bodies.default_parameter, bodies.help_epilogue, bodies.sort_key = PLAIN, "", 10
 
 
 @bodies.default
@@ -219,6 +158,8 @@ def worded(value: Any) -> str:
     """A value as a person writes it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ", ".join("from {:g}: {:g}".format(*one) if isinstance(one, tuple) else one for one in value)
     if isinstance(value, list):
         return (" x " if all(isinstance(one, float) for one in value) else ", ").join(
             worded(one) for one in value

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fabcraft.cli.console import result, say, show_report
+from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.mesh import Mesh
 
@@ -27,7 +28,7 @@ def check(
     json: bool = False,
     html: str | None = None,
     problems: str | None = None,
-    slice: bool = False,
+    slicing: SliceFlags = UNSLICED,
 ) -> int:
     """Check whether a mesh file would print, and say what to do where it would not.
 
@@ -50,8 +51,6 @@ def check(
         Also write a page with a 3D view and the wall's thickness in colours.
     problems
         Also write the faces that are wrong (red) or too thin (orange), as .ply, .glb or .stl.
-    slice
-        Also let PrusaSlicer slice it, where it is installed (takes longer).
     """
     from fabcraft.profile import load_profile
     from fabcraft.write.files import checked_extension
@@ -64,11 +63,13 @@ def check(
 
         require_places(places, [file, printer])
     profile = load_profile(printer)
+    slicing.require(profile, map(str, places), [file, printer])
     from fabcraft.check.inspect import inspect_mesh
     from fabcraft.read.mesh_file import read_mesh
 
     mesh = read_mesh(file, units)
-    inspection = inspect_mesh(mesh, profile, slicer=slice, route=(f"read {Path(file).name}",))
+    inspection = inspect_mesh(mesh, profile, route=(f"read {Path(file).name}",))
+    inspection = replace(inspection, report=slicing.told(inspection.report, mesh, profile))
     report = _written(inspection, mesh, profile, html, problems) if places else inspection.report
     if json:
         result(report.to_json().rstrip("\n"))
@@ -98,7 +99,7 @@ def _written(
         say(f"no face is wrong or too thin: {problems} was not written")
         problems = None
     files = tuple(name for name in (html, problems) if name)
-    report = replace(inspection.report, files=files)
+    report = replace(inspection.report, files=(*inspection.report.files, *files))
     jobs: list[tuple[Path, Callable[[], object]]] = []
     if problems:
         part, colours = mesh.submesh(bad), None

@@ -23,6 +23,7 @@ STAGES = {
     "fit": "Fitting the template",
     "solid": "Making it solid",
     "check": "Checking",
+    "slice": "Slicing",
     "pictures": "Drawing the pictures",
 }
 """The stages of a run, as people say them."""
@@ -80,7 +81,7 @@ def painted(text: str, colour: str) -> str:
 def show_report(report: PrintReport, on: str = "") -> None:
     """Verdict, findings, the figures that matter and the files, on stdout.  on : the printer's title."""
     verdict = f"{on}: {report.verdict[:1].lower()}{report.verdict[1:]}" if on else report.verdict
-    lines = [painted(verdict, "good" if report.printable else "fail"), ""]
+    lines = [painted(verdict, "good" if report.printable else "fail" if report.failed else "warn"), ""]
     lines += [_finding(finding) for finding in report.findings]
     figures = [_figure(report.metrics, *figure) for figure in _FIGURES if figure[0] in report.metrics]
     if figures:

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.cli.own import NOTHING, OwnFlags
+from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
 from fabcraft.template.kinds import is_own, known
@@ -123,6 +124,7 @@ def make(
     *,
     flags: Flags = _NO_FLAGS,
     own: OwnFlags = NOTHING,
+    slicing: SliceFlags = UNSLICED,
     json: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -152,13 +154,21 @@ def make(
     recipe = recipe_from(what, flags, own)
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
-    from fabcraft.outputs import require_outputs, write_all
+    from fabcraft.outputs import inputs_of, outputs_of, require_outputs, write_all
 
     require_outputs(recipe, what if _is_recipe(what) else "")
+    if slicing != UNSLICED:
+        from fabcraft.profile import load_profile
+
+        source = what if _is_recipe(what) else ""
+        slicing.require(load_profile(recipe.printer), outputs_of(recipe), inputs_of(recipe, source))
     from fabcraft import pipeline
 
     with Progress(quiet) as progress:
         made = pipeline.make(recipe, progress.tell)
+        if slicing.slice:
+            progress.tell("slice", 0, 1)
+        made = replace(made, report=slicing.told(made.report, made.on_bed, made.profile))
         report = replace(made.report, files=write_all(made, progress.tell))
     if made.interrupted:
         say("interrupted: the best so far was written")

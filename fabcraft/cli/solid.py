@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, show_report
+from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
 
@@ -29,6 +30,7 @@ def solid(
     body_units: Units | None = None,
     clearance: float | None = None,
     units: Units | None = None,
+    slicing: SliceFlags = UNSLICED,
     json: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -64,6 +66,7 @@ def solid(
         No progress on stderr.
     """
     settings, profile, place = _asked(file, output, printer, wall, body, clearance)
+    slicing.require(profile, [output or ""], [file, body or "", printer or ""])
     from fabcraft.geometry.distance import SurfaceDistance
     from fabcraft.read.mesh_file import read_mesh
     from fabcraft.solid.thicken import solidify
@@ -71,18 +74,23 @@ def solid(
     with Progress(quiet) as progress:
         progress.tell("read", 0, 1)
         surface = read_mesh(file, units)
+        if profile is not None and wall is None:  # large parts may need more
+            settings = replace(settings, wall_mm=profile.for_size(surface.size_mm).wall_mm)
         distance = None if body is None else SurfaceDistance(_skin(body, body_units))
         progress.tell("solid", 0, 1)
         made = solidify(surface, settings, distance)
         progress.tell("check", 0, 1)
         report = _report(made.mesh, made.notes, profile, distance, settings.clearance_mm)
         report = replace(report, route=(f"read {Path(file).name}", "made solid"), files=(str(place),))
+        if profile is not None and slicing.slice:
+            progress.tell("slice", 0, 1)
+            report = slicing.told(report, made.mesh, profile)
         _write(place, made.mesh, report)
     if json:
         result(report.to_json().rstrip("\n"))
     else:
         show_report(report, profile.title if profile else "")
-    return int(not report.printable)
+    return int(report.failed)
 
 
 def _asked(
@@ -153,7 +161,11 @@ def _report(
     metrics |= {"size_mm": tuple(mesh.size_mm.tolist()), "volume_mm3": mesh.volume_mm3}
     advice = "No printer was named, so walls, overhangs and size were not checked; give --printer for that."
     aside = Finding(check="printer", severity="note", advice=advice)
-    return PrintReport(findings=(*topology_findings(topology), *said, aside), metrics=metrics)
+    return PrintReport(
+        findings=(*topology_findings(topology), *said, aside),
+        unchecked="walls, overhangs and size, as no printer was named",
+        metrics=metrics,
+    )
 
 
 def _write(place: Path, mesh: "Mesh", report: "PrintReport") -> None:
