@@ -26,7 +26,8 @@ def simplify(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float]:
     """The closed mesh with as few faces as a deviation below `tolerance_mm` allows, and the tolerance
     that held.
 
-    Needles that are left are meshed anew; smaller tolerances are tried while faces cross; 0 means that the mesh came back as it was.
+    Needles that are left are meshed anew; smaller tolerances are tried while faces cross; 0 means that the mesh came back
+    as it was.
     Raises `SolidError` when the input is not a closed manifold.
     """
     return simplify_manifold(to_manifold(mesh), tolerance_mm, mesh.name)
