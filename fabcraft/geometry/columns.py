@@ -113,19 +113,24 @@ def _columns(points, faces, overhangs, kept, width, height, filled, side, rise):
         if first == end:
             continue
         row, column = 1 + int((at // width + 0.5) * side), 1 + int((at % width + 0.5) * side)
-        order = np.argsort(depth[first:end])
-        for place in range(end - first):
-            face = owner[first + order[place]]
+        for place in range(first + 1, end):  # few: sorted by insertion
+            z, face = depth[place], owner[place]
+            while place > first and depth[place - 1] > z:
+                depth[place], owner[place] = depth[place - 1], owner[place - 1]
+                place -= 1
+            depth[place], owner[place] = z, face
+        for place in range(first, end):
+            face = owner[place]
             if not overhangs[face]:
                 continue
-            z, floor = depth[first + order[place]], 0.0
+            z, floor = depth[place], 0.0
             below = place - 1
-            while below >= 0 and z - depth[first + order[below]] < _SAME_MM:
+            while below >= first and z - depth[below] < _SAME_MM:
                 below -= 1
-            stands = below >= 0
+            stands = below >= first
             if stands:
-                floor = depth[first + order[below]]
-                touched += kept[owner[first + order[below]]]
+                floor = depth[below]
+                touched += kept[owner[below]]
             touched += kept[face]
             lowest, highest = 1 + int(floor / rise), 1 + int(z / rise)
             for level in range(lowest, highest + 1):

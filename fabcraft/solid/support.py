@@ -7,7 +7,7 @@ defaults for a 0.4 mm nozzle.  Held against its own support volume in tests/benc
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int32
 
 from fabcraft.geometry.columns import support_columns
 from fabcraft.mesh import Mesh
@@ -40,27 +40,27 @@ def support_of(
     kept : faces to be kept clean.  columns : along the longer side of the bed that it covers.
     """
     points = mesh.vertices - [0.0, 0.0, float(mesh.vertices[:, 2].min())]
-    return support_at(points, mesh, profile, kept, columns)
+    return support_at(points, mesh.faces, mesh.face_normals[:, 2], profile, kept, columns)
 
 
 def support_at(
     points: Float64[np.ndarray, "V 3"],
-    mesh: Mesh,
+    faces: Int32[np.ndarray, "F 3"],
+    upward: Float64[np.ndarray, " F"],
     profile: PrinterProfile,
     kept: Bool[np.ndarray, " F"] | None,
     columns: int,
 ) -> Support:
-    """`support_of` for the mesh with its vertices at `points`, the lowest at z = 0."""
-    a, b, c = points[mesh.faces].transpose(1, 0, 2)
-    across = np.cross(b - a, c - a)
-    length = np.linalg.norm(across, axis=1)
-    steep = across[:, 2] < -np.sin(np.radians(min(profile.max_overhang_deg + 0.5, 89.9))) * length
-    resting = points[:, 2][mesh.faces].max(1) <= 1.5 * profile.layer_mm
-    nowhere = np.zeros(len(mesh.faces), dtype=bool)
+    """`support_of` the faces over `points`, the lowest at z = 0; `upward`: z of their unit normals."""
+    steep = upward < -np.sin(np.radians(min(profile.max_overhang_deg + 0.5, 89.9)))
+    heights = points[:, 2]
+    foot = 1.5 * profile.layer_mm
+    resting = (heights[faces[:, 0]] <= foot) & (heights[faces[:, 1]] <= foot) & (heights[faces[:, 2]] <= foot)
+    nowhere = np.zeros(len(faces), dtype=bool)
     side, rise = CELL_MM
     pixel = min(max(float(np.ptp(points[:, :2], axis=0).max()) / columns, 0.1), 0.5 * side)
     overhangs, clean = steep & ~resting, nowhere if kept is None else kept
-    found = support_columns(points, mesh.faces, overhangs, clean, pixel, CELL_MM)
+    found = support_columns(points, faces, overhangs, clean, pixel, CELL_MM)
     area = side**2
     sparse = found.cells * rise * area * BEAD_MM / side
     sheath = found.sides * rise * side * BEAD_MM
