@@ -55,7 +55,8 @@ def support_columns(
     filled = np.zeros(shape, np.uint8)
     triangles = np.ascontiguousarray(faces, dtype=np.int32)
     touched = _columns(pixels, triangles, overhangs, kept, width, height, filled, side, rise)
-    return Columns(*(float(one) for one in _counted(filled)), float(touched) * pixel_mm**2)
+    cells, sides, tops, feet, grounded = (float(one) for one in _counted(filled))
+    return Columns(cells, sides, tops, feet, grounded, float(touched) * pixel_mm**2)
 
 
 @nb.njit(cache=True, error_model="numpy")

@@ -125,9 +125,7 @@ class _Drill:
     place: tuple[float, float, float]
 
 
-def _drills(
-    cavity: Mesh, surface: SurfaceDistance, hole_mm: float, clean: Clean | None
-) -> list[_Drill]:
+def _drills(cavity: Mesh, surface: SurfaceDistance, hole_mm: float, clean: Clean | None) -> list[_Drill]:
     """Two holes from the cavity to the outside: at its lowest place, and as far from that as low places go."""
     points = np.unique(split_edges(cavity, 2.0).vertices, axis=0)
     found = surface.closest(points)

@@ -11,7 +11,6 @@ import manifold3d
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from fabcraft.check.rays import Rays
 from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.sampling import area_samples
@@ -24,6 +23,8 @@ HEIGHTS_MM = (8.0, 6.0, 5.0, 4.0, 3.2, 2.4, 2.0, 1.6)
 """Heights of the letters, the largest that has room is taken."""
 _LEAST_STROKES = 4.0
 """A letter's height over its stroke: lower, the bars of an E run together."""
+_STROKE_SHARE = 8.0
+"""Large letters have a stroke of their height over this: thinner looks scratched."""
 _ABOVE_MM = 0.4
 """How far the cutter reaches out of the surface."""
 _PLACES, _ANGLES = 80, 18
@@ -32,6 +33,7 @@ _BEND = np.cos(np.radians(20.0))
 _TILT = np.cos(np.radians(15.0))
 """Least cosine between the normals at the text's upper and lower edge and its middle."""
 _FINE_MM = 0.5
+_THICK_MM, _START_MM, _STEPS = 10.0, 0.05, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,28 +67,30 @@ def label(mesh: Mesh, text: str, profile: PrinterProfile, hidden: Bool[np.ndarra
     Raises `InputError` for a text that cannot be engraved.
     """
     text = checked(text)
-    depth = stroke = profile.min_engrave_mm
+    depth = profile.min_engrave_mm
     need = depth + max(profile.min_wall_mm, profile.min_wall_supported_mm)
     areas = mesh.face_areas * hidden
     if not areas.sum() > 0.0:
         return Labelled(mesh, f"no label {text}: the object has no hidden face", False)
     faces, weights = area_samples(areas, _PLACES, np.random.default_rng(1))
     seeds = (weights[:, :, None] * mesh.corners[faces]).sum(1)
-    surface, rays, normals = SurfaceDistance(mesh), Rays(mesh), mesh.face_normals
-    thickest = 0.0
-    for height in (one for one in HEIGHTS_MM if one >= _LEAST_STROKES * stroke - 1e-9):
+    surface, normals = SurfaceDistance(mesh), mesh.face_normals
+    thickest, centre = 0.0, seeds.mean(0)
+    for height in (one for one in HEIGHTS_MM if one >= _LEAST_STROKES * depth - 1e-9):
+        stroke = max(profile.min_engrave_mm, height / _STROKE_SHARE)
         wide, high = width_mm(text, height) + 2.0 * stroke, height + 2.0 * stroke
         rows = max(int(np.ceil(wide / max(stroke, 0.8))) | 1, 5)
         starts = np.repeat(seeds, _ANGLES, axis=0), np.repeat(normals[faces], _ANGLES, axis=0)
         angles = np.tile(np.arange(_ANGLES) * np.pi / _ANGLES, len(seeds))
         strip = _walked(surface, normals, *starts, angles, wide / (rows - 1), rows)
         strip, edges = _edged(surface, normals, hidden, strip, 0.5 * high)
-        wall = _walls(rays, np.concatenate([strip.points[:, :, None], edges], axis=2), strip)
+        wall = _walls(surface, np.concatenate([strip.points[:, :, None], edges], axis=2), strip)
         thickest = max(thickest, float(wall[strip.good].max(initial=0.0)))
         fit = strip.good & (wall >= need)
-        # of the places with room the flattest, then the thickest
+        # of the places with room the flattest, then the thickest, then the one nearest to the middle
         flat = np.einsum("nri,nri->nr", strip.normals, strip.normals[:, rows // 2][:, None]).min(1)
-        order = np.lexsort((-np.round(wall, 1), -np.round(flat, 2)))
+        away = np.linalg.norm(strip.points[:, rows // 2] - centre, axis=1)
+        order = np.lexsort((away, -np.round(wall), -np.round(flat, 2)))
         for place in order[fit[order]][:6]:
             line = np.array([strip.points[place], strip.normals[place], strip.up[place]])
             made = _engraved(mesh, surface, text, height, stroke, depth, line, wide)
@@ -154,15 +158,32 @@ def _edged(
 
 
 def _walls(
-    rays: Rays, points: Float64[np.ndarray, "N R 3 3"], strip: _Strip
+    surface: SurfaceDistance, points: Float64[np.ndarray, "N R 3 3"], strip: _Strip
 ) -> Float64[np.ndarray, " N"]:
-    """The thinnest wall under each good strip, mm; 0 under the others."""
+    """The thinnest wall under each good strip, mm, up to `_THICK_MM`; 0 under the others."""
     thinnest = np.zeros(len(points))
     chosen = points[strip.good]
+    if not len(chosen):
+        return thinnest
     inward = -np.broadcast_to(strip.normals[strip.good][:, :, None], chosen.shape).reshape(-1, 3)
-    found = rays.distances(chosen.reshape(-1, 3) + 1e-3 * inward, inward)
-    thinnest[strip.good] = found.reshape(len(chosen), int(np.prod(chosen.shape[1:3]))).min(1)
+    way = _through(surface, chosen.reshape(-1, 3), inward)
+    thinnest[strip.good] = way.reshape(len(chosen), -1).min(1)
     return thinnest
+
+
+def _through(
+    surface: SurfaceDistance, points: Float64[np.ndarray, "N 3"], inward: Float64[np.ndarray, "N 3"]
+) -> Float64[np.ndarray, " N"]:
+    """Way from points of the surface along `inward` to the other side, mm: sphere tracing (Hart 1996)."""
+    way = np.full(len(points), _START_MM)
+    going = np.arange(len(points))
+    for _ in range(_STEPS):
+        free = surface.closest(points[going] + way[going, None] * inward[going]).distances
+        way[going] += free
+        going = going[(free > 1e-3) & (way[going] < _THICK_MM)]
+        if not len(going):
+            break
+    return np.minimum(way, _THICK_MM)
 
 
 def _engraved(

@@ -4,6 +4,7 @@ A glyph's strokes are points on a grid 4 wide and 6 high, its foot at y = 0, rea
 (3, 6).  Drawn for this project.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import manifold3d
@@ -74,6 +75,6 @@ def outline(lines: Sequence[Float64[np.ndarray, "P 2"]], stroke_mm: float) -> ma
     pieces = [
         manifold3d.CrossSection.batch_hull([dot.translate(tuple(one)), dot.translate(tuple(other))])
         for line in lines
-        for one, other in zip(line[:-1], line[1:], strict=True)
+        for one, other in itertools.pairwise(line)
     ]
     return manifold3d.CrossSection.batch_boolean(pieces, manifold3d.OpType.Add)

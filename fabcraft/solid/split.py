@@ -120,7 +120,10 @@ def _joined(
         pieces = [piece - cutter for piece in pieces]
     order = sorted(pieces, key=lambda one: tuple(np.round(one.bounding_box()[2::-1], 3)))
     name = mesh.name or "object"
-    parts = [to_mesh(one.simplify(_TIDY_MM), f"{name}, part {k + 1} of {len(order)}") for k, one in enumerate(order)]
+    parts = [
+        to_mesh(one.simplify(_TIDY_MM), f"{name}, part {k + 1} of {len(order)}")
+        for k, one in enumerate(order)
+    ]
     named = [replace(pin, name=f"{name}, pin {k + 1} of {len(pins)}") for k, pin in enumerate(pins)]
     return Parts(tuple(parts), tuple(named), tuple(cuts), 0.0 if cutter is None else cutter.volume())
 
@@ -162,9 +165,7 @@ def _best_cut(
         normal = np.eye(3)[axis]
         for share in np.linspace(0.2, 0.8, _PLACES):
             offset = float(lower[axis] + share * (upper[axis] - lower[axis]))
-            halves = [
-                one for half in piece.split_by_plane(tuple(normal), offset) for one in half.decompose()
-            ]
+            halves = [one for half in piece.split_by_plane(tuple(normal), offset) for one in half.decompose()]
             if len(halves) < 2:
                 continue
             needed = sum(_pieces_needed(_points(one), room) for one in halves)
@@ -251,7 +252,9 @@ def _pin(cut: Cut, profile: PrinterProfile) -> Mesh:
     """One pin, standing on z = 0, its ends tapered so that they find the socket."""
     radius = 0.5 * cut.pin_mm
     length, taper = 2.0 * (cut.depth_mm - profile.clearance_fit_mm), 0.3 * radius
-    rod = manifold3d.Manifold.cylinder(length - 2.0 * taper, radius, radius, _SEGMENTS).translate((0, 0, taper))
+    rod = manifold3d.Manifold.cylinder(length - 2.0 * taper, radius, radius, _SEGMENTS).translate(
+        (0, 0, taper)
+    )
     tip = manifold3d.Manifold.cylinder(taper, radius - taper, radius - taper, _SEGMENTS)
     return to_mesh(manifold3d.Manifold.batch_hull([rod, tip, tip.translate((0, 0, length - taper))]))
 
