@@ -58,7 +58,7 @@ def width_mm(text: str, height_mm: float) -> float:
     return ((len(text) - 1) * ADVANCE + WIDE) * height_mm / HIGH
 
 
-def strokes(text: str, height_mm: float) -> list[Float64[np.ndarray, "P 2"]]:
+def strokes(text: str, height_mm: float) -> list[Float64[np.ndarray, "_ 2"]]:
     """Middle lines of the strokes, mm, the text centred on (0, 0)."""
     unit = height_mm / HIGH
     lines = []
@@ -69,7 +69,7 @@ def strokes(text: str, height_mm: float) -> list[Float64[np.ndarray, "P 2"]]:
     return [line - [0.5 * width_mm(text, height_mm), 0.5 * height_mm] for line in lines]
 
 
-def outline(lines: Sequence[Float64[np.ndarray, "P 2"]], stroke_mm: float) -> manifold3d.CrossSection:
+def outline(lines: Sequence[Float64[np.ndarray, "_ 2"]], stroke_mm: float) -> manifold3d.CrossSection:
     """The strokes with their width and round ends as one flat shape, mm."""
     dot = manifold3d.CrossSection.circle(0.5 * stroke_mm, _SEGMENTS)
     pieces = [

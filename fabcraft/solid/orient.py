@@ -33,7 +33,8 @@ KEPT_MM = 2.0
 """A mm² of support on the side to be kept clean counts as that many mm³ of support more: judgement."""
 NEARLY = 1.05
 """Poses within 5 % of the least support are as good as it; the lowest of them is taken."""
-_LITTLE_MM3 = 20.0
+_LITTLE_MM3, _LITTLE_SHARE = 20.0, 0.005
+"""Nor does a pose stand tall to save so little, in mm³ or over the object's volume: the bridges over a few holes."""
 _COARSE, _FINE, _FINALISTS = 64, 200, 12
 
 
@@ -112,7 +113,8 @@ def oriented(mesh: Mesh, profile: PrinterProfile, kept: Bool[np.ndarray, " F"] |
     if supported:
         best = best[:_FINALISTS]
     fine = np.array([cost(usable[one][0], _FINE) for one in best])
-    good = best[fine <= NEARLY * fine.min() + _LITTLE_MM3]
+    little = max(_LITTLE_MM3, _LITTLE_SHARE * abs(mesh.volume_mm3))
+    good = best[fine <= NEARLY * fine.min() + little]
     heights = np.array([np.ptp(hull @ usable[one][0][2]) for one in good])
     turn, spin = usable[good[int(np.argmin(np.round(heights, 1)))]]
     whole = _turn(0.0, spin)[:3, :3] @ turn

@@ -1,5 +1,6 @@
 """What is done to a finished object before it is printed: a recipe's table `plate`."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
@@ -7,6 +8,7 @@ from fabcraft.errors import InputError
 from fabcraft.solid.letters import checked
 
 PLACEHOLDERS = ("size", "side")
+_PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,11 @@ class PlateSettings:
 
 def filled(text: str, words: Mapping[str, str]) -> str:
     """The text with its placeholders replaced.  Raises `InputError` for one that is not known."""
-    try:
-        return text.format_map(dict(words))
-    except (KeyError, ValueError, IndexError, AttributeError):
+    unknown = [one for one in _PLACEHOLDER.findall(text) if one not in words]
+    if unknown:
         known = " and ".join(f"{{{name}}}" for name in PLACEHOLDERS)
         raise InputError(
-            f"the label {text!r} has a placeholder that cannot be filled here",
+            f"the label {text[:60]!r} has {{{unknown[0][:30]}}}, which cannot be filled here",
             f"Known: {known}; the size is that of a measure or parameter that was given, the side that of a pair.",
-        ) from None
+        )
+    return _PLACEHOLDER.sub(lambda found: words[found[1]], text)

@@ -26,7 +26,7 @@ PINS_MM = (6.0, 5.0, 4.0, 3.0, 2.5, 2.0, FILAMENT_MM, 1.5, 1.2)
 MOST_PINS = 4
 """At one face of a cut."""
 MOST_PARTS = 24
-_PLACES = 15
+_PLACES = 13
 """Places tried for a cut along an axis."""
 _SCRAP = 0.12
 """A part of less than this share of the object is a scrap."""
@@ -34,6 +34,7 @@ _SPARE_MM = 1.0
 """Kept free of the build volume all round: a part that fills it to the last millimetre does not start."""
 _TIDY_MM = 0.002
 _STEP_MM = 1.0
+_FIT_MM = 1e-6
 _SEGMENTS = 24
 
 
@@ -77,6 +78,8 @@ def split(mesh: Mesh, profile: PrinterProfile) -> Parts:
     if fits(mesh, profile):
         return Parts((mesh,), (), ())
     whole = to_manifold(mesh)
+    if _pieces_needed(_corners(mesh.vertices), room) > MOST_PARTS:
+        raise _too_many(mesh, profile)
     done: list[manifold3d.Manifold] = []
     waiting, planes = [whole], []
     while waiting:
@@ -85,15 +88,19 @@ def split(mesh: Mesh, profile: PrinterProfile) -> Parts:
             done.append(piece)
             continue
         if len(done) + len(waiting) >= MOST_PARTS:
-            raise SolidError(
-                f"{mesh.name or 'the object'} would need more than {MOST_PARTS} parts for the {profile.name}",
-                "Use a larger printer, or make it smaller.",
-            )
+            raise _too_many(mesh, profile)
         normal, offset = _best_cut(piece, room, whole.volume())
         for half in piece.split_by_plane(tuple(normal), offset):
             waiting += [one for one in half.decompose() if one.volume() > 1e-3]
         planes.append((normal, offset, piece))
     return _joined(mesh, done, planes, profile)
+
+
+def _too_many(mesh: Mesh, profile: PrinterProfile) -> SolidError:
+    return SolidError(
+        f"{mesh.name or 'the object'} would need more than {MOST_PARTS} parts for the {profile.name}",
+        "Use a larger printer, or make it smaller.",
+    )
 
 
 def _joined(
@@ -137,12 +144,17 @@ def _corners(points: Float64[np.ndarray, "V 3"]) -> Float64[np.ndarray, "H 3"]:
 
 
 def _fits(corners: Float64[np.ndarray, "H 3"], room: Float64[np.ndarray, "3"]) -> bool:
-    for axes in permutations(range(3)):
-        for degrees in np.arange(0.0, 90.0, 15.0):
+    """Whether the points lie in the room with some axis up, turned about it in steps of 15 degrees."""
+    size = np.ptp(corners, axis=0)
+    if (np.sort(size) <= np.sort(room) + _FIT_MM).all():
+        return True
+    for up in range(3):
+        if size[up] > room[2] + _FIT_MM:
+            continue
+        x, y = np.delete(corners, up, axis=1).T
+        for degrees in np.arange(15.0, 90.0, 15.0):
             c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-            x, y, z = corners[:, axes].T
-            size = np.array([np.ptp(c * x - s * y), np.ptp(s * x + c * y), np.ptp(z)])
-            if (size <= room + 1e-6).all():
+            if np.ptp(c * x - s * y) <= room[0] + _FIT_MM and np.ptp(s * x + c * y) <= room[1] + _FIT_MM:
                 return True
     return False
 
@@ -171,7 +183,7 @@ def _best_cut(
             needed = sum(_pieces_needed(_points(one), room) for one in halves)
             scraps = sum(max(0.0, _SCRAP - one.volume() / whole_mm3) / _SCRAP for one in halves)
             face = 0.5 * (sum(one.surface_area() for one in halves) - piece.surface_area())
-            cost = (float(needed), float(np.ceil(2.0 * scraps)), float(len(halves)), -face)
+            cost = (float(needed), float(np.ceil(2.0 * scraps)), float(len(halves)), -round(face), abs(share - 0.5))
             if best is None or cost < best[0]:
                 best = (cost, normal, offset)
     if best is None:
