@@ -32,7 +32,9 @@ def test_nothing_asked_is_laid_as_before() -> None:
 
 
 def test_each_of_a_pair_gets_its_side_and_its_place() -> None:
-    made = prepare(pair(), MK4, PlateSettings(label="{size} {side}", orient=True), None, {"size": "EU42"}, True)
+    made = prepare(
+        pair(), MK4, PlateSettings(label="{size} {side}", orient=True), None, {"size": "EU42"}, True
+    )
     assert [one.name for one in made.pieces] == ["block, right", "block, left"]
     assert any("label EU42 L" in line for line in made.route)
     assert any("label EU42 R" in line for line in made.route)
@@ -90,7 +92,7 @@ def test_the_recipe_keeps_what_was_asked() -> None:
     plate = PlateSettings(orient=True, hollow_wall_mm=2.5, split=True, label="{size}", arrange=True)
     recipe = Recipe(plate=plate)
     assert recipe_of(tomllib.loads(recipe_toml(recipe))).plate == plate
-    with pytest.raises(InputError, match="plate.orientt"):
+    with pytest.raises(InputError, match="orientt"):
         recipe_of({"plate": {"orientt": True}})
 
 

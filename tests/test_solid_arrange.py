@@ -28,6 +28,11 @@ def test_parts_lie_on_one_plate_with_the_gap_between_them() -> None:
         assert one.volume_mm3 == pytest.approx(was.volume_mm3)
 
 
+def test_two_long_parts_are_turned_where_the_bed_asks_for_it() -> None:
+    made = arrange([box(199.0, 115.0, 10.0), box(197.0, 111.0, 10.0)], load_profile("prusa-mk4"))
+    assert made.count == 1
+
+
 def test_a_part_lies_inside_an_open_one_where_its_shadow_has_room() -> None:
     made = arrange([tube(85.0, 80.0, 10.0), box(60.0, 60.0, 10.0)], MINI)
     assert made.count == 1

@@ -2,15 +2,14 @@
 
 from dataclasses import replace
 
-import manifold3d
 import numpy as np
 import pytest
-from plated import box
+from plated import box, tube
 
 from fabcraft.check.topology import inspect_topology
 from fabcraft.errors import SolidError
 from fabcraft.profile import load_profile
-from fabcraft.solid.manifolds import to_manifold, to_mesh, union
+from fabcraft.solid.manifolds import to_manifold, union
 from fabcraft.solid.split import FILAMENT_MM, Parts, fits, split
 
 MINI = load_profile("prusa-mini")
@@ -56,18 +55,14 @@ def test_the_pins_go_into_their_sockets_with_clearance(bar: Parts) -> None:
         assert lying.min_gap(together, 5.0) == pytest.approx(MINI.clearance_fit_mm, abs=0.03)
 
 
-def test_a_thin_wall_takes_pins_of_filament_or_none() -> None:
-    # without its corners, where a wider pin would have room
-    def shell(wall: float) -> Parts:
-        outer, inner = (200.0, 110.0, 40.0), (200.0 - 2 * wall, 110.0 - 2 * wall, 50.0)
-        walls = manifold3d.Manifold.cube(outer, True) - manifold3d.Manifold.cube(inner, True)
-        return split(to_mesh(walls), MINI)
+def test_a_wall_takes_as_wide_pins_as_it_has_room_for_or_none() -> None:
+    def pins(wall: float) -> list[float]:
+        return [cut.pin_mm for cut in split(tube(92.0, 92.0 - wall, 60.0), MINI).cuts]
 
-    (cut,) = shell(4.0).cuts
-    assert cut.pin_mm == FILAMENT_MM
-    assert shell(4.0).pins == ()
-    (bare,) = shell(2.0).cuts
-    assert (bare.pin_mm, len(bare.places)) == (0.0, 0)
+    # a wall of 0.9 and a clearance of 0.2 on both sides of the pin
+    assert pins(5.0) == [2.5]
+    assert pins(4.2) == [FILAMENT_MM]
+    assert pins(3.0) == [0.0]
 
 
 def test_what_would_need_too_many_parts_is_refused() -> None:

@@ -60,7 +60,9 @@ def test_the_columns_under_a_table_are_its_volume() -> None:
 
 
 def test_columns_stand_on_what_is_below_and_touch_what_is_to_be_kept() -> None:
-    both = np.concatenate([box(10.0, 10.0, 2.0, at=(0, 0, 1)).vertices, box(10.0, 10.0, 2.0, at=(0, 0, 11)).vertices])
+    both = np.concatenate(
+        [box(10.0, 10.0, 2.0, at=(0, 0, 1)).vertices, box(10.0, 10.0, 2.0, at=(0, 0, 11)).vertices]
+    )
     faces = np.concatenate([box(1, 1, 1).faces, box(1, 1, 1).faces + np.int32(8)])
     mesh = Mesh(both, faces)
     kept = (mesh.face_normals[:, 2] > 0.9) & (mesh.corners[:, :, 2].max(1) < 3.0)

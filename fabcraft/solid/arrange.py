@@ -22,6 +22,7 @@ PLATE_GAP_MM = 30.0
 """Between the plates in a file that holds several."""
 _PIXEL_MM = 1.0
 _TURNS = (0.0, 90.0, 45.0, 135.0)
+_TRIED = ((0, 1, 2, 3), (0,), (1,), (2,), (3,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,29 +44,43 @@ def arrange(meshes: Sequence[Mesh], profile: PrinterProfile, gap_mm: float = GAP
     """The meshes, each as it stands, on as few plates as the packing finds; one too large has a plate of its own."""
     width, depth = (int(side // _PIXEL_MM) for side in profile.build_mm[:2])
     shadows = [[_shadow(_turned(mesh, turn), 0.5 * gap_mm) for turn in _TURNS] for mesh in meshes]
-    order = sorted(range(len(meshes)), key=lambda one: (-int(shadows[one][0].sum()), one))
+    # the greedy choice of a turn can block the bed: packings with fewer turns are tried as well
+    tried = [_packed(shadows, (depth, width), gap_mm, turns) for turns in _TRIED]
+    places = min(tried, key=lambda found: max(place[0] for place in found))
+    placed = [_at(meshes[one], *places[one][1:]) for one in range(len(meshes))]
+    plates = tuple(places[one][0] for one in range(len(meshes)))
+    return Arranged(tuple(_centred(placed, plates, profile)), plates)
+
+
+def _packed(
+    shadows: Sequence[Sequence[Bool[np.ndarray, "_ _"]]],
+    bed: tuple[int, int],
+    gap_mm: float,
+    turns: tuple[int, ...],
+) -> list[tuple[int, int, int, float]]:
+    """(plate, row, column, turn in degrees) of every part, with only these of `_TURNS`."""
+    order = sorted(range(len(shadows)), key=lambda one: (-int(shadows[one][0].sum()), one))
     # half a gap is grown all round a shadow: at the edge of the bed that half is not needed
     edge = int(np.ceil(0.5 * gap_mm / _PIXEL_MM)) + 1
-    taken: list[Bool[np.ndarray, "H W"]] = []
-    places: dict[int, tuple[int, int, int, float]] = {}
+    taken: list[Bool[np.ndarray, "_ _"]] = []
+    places = [(0, 0, 0, 0.0)] * len(shadows)
     for one in order:
         found = None
         for plate in range(len(taken) + 1):
             if plate == len(taken):
-                taken.append(np.zeros((depth + 2 * edge, width + 2 * edge), dtype=bool))
-            found = _lowest(taken[plate], shadows[one])
+                taken.append(np.zeros((bed[0] + 2 * edge, bed[1] + 2 * edge), dtype=bool))
+            found = _lowest(taken[plate], [shadows[one][turn] for turn in turns])
             if found is not None or not taken[plate].any():
                 break
-        row, column, turn = found or (0, 0, 0)
         if found is None:  # larger than the bed: nothing shares its plate
             taken[plate][:] = True
-        else:
-            shadow = shadows[one][turn]
-            taken[plate][row : row + shadow.shape[0], column : column + shadow.shape[1]] |= shadow
-        places[one] = (plate, row, column, _TURNS[turn])
-    placed = [_at(meshes[one], *places[one][1:]) for one in range(len(meshes))]
-    plates = tuple(places[one][0] for one in range(len(meshes)))
-    return Arranged(tuple(_centred(placed, plates, profile)), plates)
+            places[one] = (plate, 0, 0, 0.0)
+            continue
+        row, column, which = found
+        shadow = shadows[one][turns[which]]
+        taken[plate][row : row + shadow.shape[0], column : column + shadow.shape[1]] |= shadow
+        places[one] = (plate, row, column, _TURNS[turns[which]])
+    return places
 
 
 def _turned(mesh: Mesh, degrees: float) -> Mesh:

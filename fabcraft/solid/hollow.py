@@ -28,6 +28,7 @@ HOLES = 2
 _CHORD_MM = 0.06
 _MOST_NODES = 40e6
 _BAND = 1.8
+_TRIES = 4
 _LOW_SHARE = 0.25
 """Holes are looked for in the lowest quarter of a cavity first."""
 _SEGMENTS = 32
@@ -59,7 +60,7 @@ def hollow(mesh: Mesh, wall_mm: float, hole_mm: float, clean: Clean | None = Non
         if not 0.2 <= value <= 50.0:
             raise InputError(f"a {name} of {value:g} mm was asked to hollow with", "Give 0.2 to 50 mm.")
     surface = SurfaceDistance(mesh)
-    cavities = _cavities(mesh, surface, wall_mm, 0.75 * hole_mm)
+    cavities, least = _walled(mesh, surface, wall_mm, 0.75 * hole_mm)
     if not cavities:
         return Hollowed(mesh, 0, ())
     solid = to_manifold(mesh)
@@ -71,21 +72,35 @@ def hollow(mesh: Mesh, wall_mm: float, hole_mm: float, clean: Clean | None = Non
             holes.append(other.place)
     if any(shell.volume() < 0.0 for shell in solid.decompose()):
         raise SolidError("a cavity is left without a way out", "Leave out --hollow, or give another wall.")
-    inner = np.concatenate([split_edges(one, 1.0).vertices for one in cavities])
     made = to_mesh(solid, mesh.name)
     numbers = {
-        "hollow_wall_mm": float(surface.closest(inner).distances.min()),
+        "hollow_wall_mm": least,
         "hollow_saved_mm3": mesh.volume_mm3 - made.volume_mm3,
         "drain_hole_mm": hole_mm,
     }
     return Hollowed(made, len(cavities), tuple(holes), numbers)
 
 
+def _walled(mesh: Mesh, surface: SurfaceDistance, wall_mm: float, ball_mm: float) -> tuple[list[Mesh], float]:
+    """The cavities and the least wall around them, measured; what the grid took from it is given back."""
+    spare = _CHORD_MM
+    for _ in range(_TRIES):
+        cavities = _cavities(mesh, surface, wall_mm + spare, ball_mm)
+        if not cavities:
+            return [], np.inf
+        inner = np.concatenate([split_edges(one, 1.0).vertices for one in cavities])
+        least = float(surface.closest(inner).distances.min())
+        if least >= wall_mm:
+            return cavities, least
+        spare += wall_mm - least + _CHORD_MM
+    raise SolidError(f"a wall of {wall_mm:g} mm could not be kept", "Give a thicker wall (--hollow-wall).")
+
+
 def _cavities(mesh: Mesh, surface: SurfaceDistance, wall_mm: float, ball_mm: float) -> list[Mesh]:
     """What can be taken out, the largest first: all that balls of radius `ball_mm` reach inside the wall."""
     room = float(np.prod(mesh.size_mm + 4.0))
     cell = max(wall_mm / 3.0, ball_mm / 3.0, (room / _MOST_NODES) ** (1 / 3))
-    depth = wall_mm + ball_mm + _CHORD_MM
+    depth = wall_mm + ball_mm
     middle = _level(mesh, lambda points: surface.signed(points) + depth, mesh.face_normals, -depth, cell)
     if middle is None:
         return []

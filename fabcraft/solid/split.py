@@ -33,7 +33,7 @@ _SCRAP = 0.12
 _SPARE_MM = 1.0
 """Kept free of the build volume all round: a part that fills it to the last millimetre does not start."""
 _TIDY_MM = 0.002
-_STEP_MM = 1.0
+_STEP_MM = 0.5
 _FIT_MM = 1e-6
 _SEGMENTS = 24
 
@@ -183,7 +183,13 @@ def _best_cut(
             needed = sum(_pieces_needed(_points(one), room) for one in halves)
             scraps = sum(max(0.0, _SCRAP - one.volume() / whole_mm3) / _SCRAP for one in halves)
             face = 0.5 * (sum(one.surface_area() for one in halves) - piece.surface_area())
-            cost = (float(needed), float(np.ceil(2.0 * scraps)), float(len(halves)), -round(face), abs(share - 0.5))
+            cost = (
+                float(needed),
+                float(np.ceil(2.0 * scraps)),
+                float(len(halves)),
+                -round(face),
+                abs(share - 0.5),
+            )
             if best is None or cost < best[0]:
                 best = (cost, normal, offset)
     if best is None:
