@@ -1,7 +1,7 @@
 """An object larger than the printer, cut into parts that fit, with sockets for loose pins across every cut.
 
 Cuts are planes across the object's axes, one after the other.  Of all places for a cut the one is taken that leaves the
-fewest parts, none of them a scrap, and the broadest faces to glue.  A pin has a socket on both sides: the parts stay flat
+fewest parts, none of them a scrap, and nearest to the middle: away from it a shell is cut at a slant.  A pin has a socket on both sides: the parts stay flat
 there, and any way up prints.  Pins of filament's own width need no printing.
 """
 
@@ -170,7 +170,7 @@ def _pieces_needed(points: Float64[np.ndarray, "V 3"], room: Float64[np.ndarray,
 def _best_cut(
     piece: manifold3d.Manifold, room: Float64[np.ndarray, "3"], whole_mm3: float
 ) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Normal and offset of the plane that leaves the fewest parts, then the fewest scraps, then the broadest face."""
+    """Normal and offset of the plane that leaves the fewest parts, then the fewest scraps, then nearest to the middle."""
     lower, upper = np.array(piece.bounding_box()).reshape(2, 3)
     best: tuple[tuple[float, ...], np.ndarray, float] | None = None
     for axis in range(3):
@@ -182,13 +182,11 @@ def _best_cut(
                 continue
             needed = sum(_pieces_needed(_points(one), room) for one in halves)
             scraps = sum(max(0.0, _SCRAP - one.volume() / whole_mm3) / _SCRAP for one in halves)
-            face = 0.5 * (sum(one.surface_area() for one in halves) - piece.surface_area())
             cost = (
                 float(needed),
                 float(np.ceil(2.0 * scraps)),
                 float(len(halves)),
-                -round(face),
-                abs(share - 0.5),
+                abs(float(share) - 0.5),
             )
             if best is None or cost < best[0]:
                 best = (cost, normal, offset)
