@@ -16,6 +16,7 @@ from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.mesh import Mesh
+from fabcraft.plate import on_skin, prepare, size_words
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
@@ -24,7 +25,7 @@ from fabcraft.road.guided import shape_guided
 from fabcraft.road.motif import shape_motif
 from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
-from fabcraft.solid.orient import moved_together, onto_bed
+from fabcraft.solid.orient import moved_together
 from fabcraft.template.template import Template
 from fabcraft.wearer import body_of, require_wearable
 
@@ -37,6 +38,8 @@ class Made:
     """The closed object, mm, where it is worn."""
     on_bed: Mesh
     """The same, as it lies on the printer's bed; places in the report are in this position."""
+    pieces: tuple[Mesh, ...]
+    """What `on_bed` consists of: one object of the file each."""
     report: PrintReport
     recipe: Recipe
     body: Body
@@ -75,21 +78,26 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     shaped = _road(recipe)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         apart = moved_together(shaped.object) if shaped.template.pair else shaped.object
-        placed = onto_bed(replace(apart, name=recipe.title or shaped.template.name), profile)
-        inspection = inspect_mesh(placed.mesh, profile, worn=shaped.worn)
+        named = replace(apart, name=recipe.title or shaped.template.name)
+        pair = shaped.template.pair
+        skin = on_skin(shaped.object, shaped.worn.body, pair) if recipe.plate.asked else None
+        words = size_words(recipe.parameters, recipe.measures)
+        placed = prepare(named, profile, recipe.plate, skin, words, pair)
+        inspection = inspect_mesh(placed.whole, profile, worn=shaped.worn, pieces=placed.pieces)
         clearance = shaped.worn.body.signed(shaped.object.vertices)
     clock.seconds.update({f"check.{name}": value for name, value in inspection.report.seconds.items()})
     found = inspection.report
     report = replace(
         found,
-        findings=(*found.findings, *shaped.findings, *_said(shaped, body)),
-        route=(*_person(body), *shaped.route, f"laid on the bed {placed.words}"),
-        metrics={**found.metrics, **shaped.metrics, **_measured(body)},
+        findings=(*found.findings, *shaped.findings, *placed.findings, *_said(shaped, body)),
+        route=(*_person(body), *shaped.route, *placed.route),
+        metrics={**found.metrics, **shaped.metrics, **placed.numbers, **_measured(body)},
         seconds=clock.seconds,
     )
     return Made(
         object=shaped.object,
-        on_bed=placed.mesh,
+        on_bed=placed.whole,
+        pieces=placed.pieces,
         report=report,
         recipe=recipe,
         body=body,

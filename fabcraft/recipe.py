@@ -18,6 +18,7 @@ import msgspec
 from fabcraft.errors import InputError
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
+from fabcraft.solid.plate_settings import PlateSettings
 from fabcraft.template.kinds import is_own, known
 from fabcraft.template.mask import WALL_MM
 from fabcraft.template.own import OwnSettings
@@ -90,6 +91,7 @@ class Recipe:
     own: OwnSettings = field(default_factory=OwnSettings)
     placement: PlacementSettings = field(default_factory=PlacementSettings)
     inflate: InflateSettings = field(default_factory=InflateSettings)
+    plate: PlateSettings = field(default_factory=PlateSettings)
 
     def __post_init__(self) -> None:
         if isinstance(self.output, str):

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.cli.own import NOTHING, OwnFlags
+from fabcraft.cli.plate import AS_IT_IS, PlateFlags
 from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
@@ -125,6 +126,7 @@ def make(
     flags: Flags = _NO_FLAGS,
     own: OwnFlags = NOTHING,
     slicing: SliceFlags = UNSLICED,
+    plate: PlateFlags = AS_IT_IS,
     json: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -151,7 +153,7 @@ def make(
     quiet
         No progress on stderr.
     """
-    recipe = recipe_from(what, flags, own)
+    recipe = recipe_from(what, flags, own, plate)
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
     from fabcraft.outputs import inputs_of, outputs_of, require_outputs, write_all
@@ -179,7 +181,7 @@ def make(
     return 130 if made.interrupted else int(not report.printable)
 
 
-def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING) -> "Recipe":
+def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFlags = AS_IT_IS) -> "Recipe":
     """The recipe of a template's name, its mesh file or a recipe file, with the flags over it.
 
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
@@ -202,7 +204,7 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING) -> "Recipe":
         given = {"sketch": "", "guidance": "", "text": "", **given}
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
-    tables: dict[str, dict[str, Any]] = {"own": own.given()}
+    tables: dict[str, dict[str, Any]] = {"own": own.given(), "plate": plate.given()}
     for flag, value in given.items():
         table, key = _PLACES.get(flag, ("", flag))
         tables.setdefault(table, {})[key] = value
