@@ -26,6 +26,7 @@ KEEPS = 0.88
 LENGTHS = (0.035, 0.07, 0.12)  # of the drawing's longer side
 WIDEST = 0.06  # radius, of the same
 MOST_ENDS = 200
+MOST_BRIDGES = 150  # the shortest; each is weighed by filling the page without it
 CHORD = 0.17  # of the way round: a loop may be open by some 55 degrees
 ROUND = 0.4
 WORTH = 0.0015  # share of the filled area that a bridge must add
@@ -236,7 +237,7 @@ def _draw(ink: Mask, bridges: list[Bridge], width: float) -> Mask:
 
 def _needed(ink: Mask, candidates: list[Bridge], width: float, least: float = 0.0) -> list[Bridge]:
     """Those candidates without which the filled area would be smaller."""
-    kept = sorted(candidates, key=lambda b: -b.gap_px)
+    kept = sorted(candidates, key=lambda b: -b.gap_px)[-MOST_BRIDGES:]
     # What a bridge covers itself does not count as enclosed.
     full = int(fill(_draw(ink, kept, width)).sum())
     worth = max(least, WORTH * full)
