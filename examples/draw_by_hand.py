@@ -486,13 +486,15 @@ def outcome(drawn: Drawn) -> Outcome:
     return Outcome(drawn, drawing, "", overlap, found, seconds)
 
 
-def table(hands, chosen, folder) -> dict[str, list[Outcome]]:
+def table(hands, chosen, folder, in_turn=False) -> dict[str, list[Outcome]]:
     """Draw and understand everything; print a line for each hand."""
     print(f"{'hand':16s} understood refused misread  least IoU  openings  longest s")
     told = {}
-    for name in hands:
+    for turn, name in enumerate(hands):
         outcomes = []
         for k, (subject, shape) in enumerate(chosen.items()):
+            if in_turn and k != turn % len(chosen):
+                continue
             one = outcome(draw(shape, HANDS[name], 100 + k, folder, f"{name.replace(' ', '-')}-{subject}"))
             outcomes.append(one)
             if not one.understood:
@@ -516,11 +518,71 @@ def table(hands, chosen, folder) -> dict[str, list[Outcome]]:
     return told
 
 
+def relief_pictures(outcomes) -> list[np.ndarray]:
+    """Each drawing as the pendant it would become, lit from the upper left; an empty field for a refusal."""
+    from fabcraft.body.human import human
+    from fabcraft.fitting_room import plain
+    from fabcraft.guidance.inflate import inflate, solid_mask
+    from fabcraft.guidance.motif import place_motif
+    from fabcraft.template.motif_plate import plate
+
+    base = plain("necklace", human("man"))
+    out = []
+    for one in outcomes:
+        picture = np.full((CELL, CELL, 3), 248, np.uint8)
+        if one.drawing is not None:
+            across, down = np.ptp(one.drawing.outline, axis=0)
+            sheet, _ = plate(base, base.motifs[0], None, float(across / down))
+            relief = inflate(place_motif(one.drawing, sheet), sheet)
+            x, z = relief.fine.centres()
+            xz = np.column_stack([x.ravel(), z.ravel()])
+            height = (relief.height_at(xz) + relief.detail_at(xz)).reshape(x.shape)
+            down_hill, right = np.gradient(height, relief.fine.pixel_mm)
+            light = (0.75 + 0.45 * right + 0.6 * down_hill) / np.sqrt(1 + right**2 + down_hill**2)
+            shade = np.clip(light, 0.1, 1.1)[..., None] * np.array([205, 196, 180.0])
+            shade[~solid_mask(relief.outline, relief.openings, relief.fine)] = 248
+            picture = fitted(np.clip(shade, 0, 255).astype(np.uint8))
+        out.append(picture)
+    return out
+
+
+CELL = 220
+
+
+def fitted(picture) -> np.ndarray:
+    """The picture in a square cell, nothing cut off."""
+    k = (CELL - 8) / max(picture.shape[:2])
+    size = (max(1, round(picture.shape[1] * k)), max(1, round(picture.shape[0] * k)))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    cell = np.full((CELL, CELL, 3), 248, np.uint8)
+    top, left = (CELL - size[1]) // 2, (CELL - size[0]) // 2
+    cell[top : top + size[1], left : left + size[0]] = small
+    return cell
+
+
+def sheet(told: dict[str, list[Outcome]], columns=4) -> np.ndarray:
+    """Input, understood and relief of the first drawing of every hand, side by side."""
+    outcomes = [outcomes[0] for outcomes in told.values()]
+    cells = []
+    for name, one, relief in zip(told, outcomes, relief_pictures(outcomes), strict=True):
+        shown = np.full((CELL, CELL, 3), 248, np.uint8) if one.drawing is None else fitted(picture_of(one.drawing))
+        rgba = read_image(one.drawn.file).astype(float)
+        given = rgba[..., :3] * rgba[..., 3:] / 255 + 255 - rgba[..., 3:]
+        strip = np.hstack([fitted(given.astype(np.uint8)), shown, relief])
+        title = np.full((26, strip.shape[1], 3), 248, np.uint8)
+        verdict = "" if one.understood else " (refused)" if one.refused else f" (misread, IoU {one.overlap:.2f})"
+        cv2.putText(title, HANDS[name].says + verdict, (8, 19), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (40, 40, 40), 1, cv2.LINE_AA)
+        cells.append(np.pad(np.vstack([title, strip]), ((0, 6), (0, 14), (0, 0)), constant_values=248))
+    while len(cells) % columns:
+        cells.append(np.full_like(cells[0], 248))
+    return np.vstack([np.hstack(cells[k : k + columns]) for k in range(0, len(cells), columns)])
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hands", default=",".join(HANDS))
     parser.add_argument("--subjects", default="")
-    parser.add_argument("--sheet")
+    parser.add_argument("--sheet", help="draw one subject for each hand, in turn, and write the contact sheet")
     parser.add_argument("--folder")
     given = parser.parse_args()
     hands = given.hands.split(",")
@@ -529,7 +591,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(given.folder or temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        table(hands, chosen, folder)
+        told = table(hands, chosen, folder, in_turn=bool(given.sheet))
+        if given.sheet:
+            Image.fromarray(sheet(told)).quantize(128).save(given.sheet, optimize=True)
     return 0
 
 

@@ -17,14 +17,14 @@ from scipy import ndimage
 from fabcraft.errors import InputError, MissingError
 
 By = Literal["auto", "alpha", "grabcut", "rembg"]
-SIDE = 420  # GrabCut's working size; the edge is smoothed afterwards
+SIDE = 320  # GrabCut's working size; the edge is smoothed afterwards
 MARGINS = (0.03, 0.09)
 """Of the side: the two frames GrabCut is begun with."""
 AGREE = 0.85  # overlap of the two answers
 LEAST_SHARE, MOST_SHARE = 0.01, 0.9
 MOST_BORDER = 0.4  # share of the picture's border that the object may cover
 STEP = 12.0  # difference of CIELAB colours that counts as an edge
-LEAST_EDGE = 0.6  # share of the outline that must have one
+LEAST_EDGE = 0.7  # share of the outline that must have one
 
 Mask = Bool[np.ndarray, "H W"]
 Image = UInt8[np.ndarray, "H W 4"]
