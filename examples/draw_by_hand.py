@@ -95,7 +95,9 @@ def subjects() -> dict[str, Subject]:
         [(500, 380), (560, 300), (690, 190), (850, 170), (930, 260), (910, 400), (800, 500), (860, 600), (850, 740),
          (740, 800), (620, 760), (540, 660), (500, 640)]
     )  # fmt: skip
-    heart = both([(500, 300), (560, 200), (680, 150), (800, 190), (868, 310), (840, 460), (720, 640), (500, 860)])
+    heart = both(
+        [(500, 300), (560, 200), (680, 150), (800, 190), (868, 310), (840, 460), (720, 640), (500, 860)]
+    )
     turn = np.radians(-90 + 36 * np.arange(10))
     spike = np.where(np.arange(10) % 2, 175.0, 420.0)
     star = corners_of(np.column_stack([500 + spike * np.cos(turn), 520 + spike * np.sin(turn)]))
@@ -105,7 +107,19 @@ def subjects() -> dict[str, Subject]:
          (370, 800), (360, 650), (290, 540), (250, 400), (200, 370), (130, 350)]
     )  # fmt: skip
     plates = [curve([(430 + 75 * k, 520 + 16 * k), (455 + 75 * k, 480 + 16 * k), (490 + 75 * k, 535 + 16 * k)]) for k in range(3)]  # fmt: skip
-    ring = both([(500, 160), (620, 150), (700, 230), (690, 300), (800, 420), (845, 560), (790, 740), (660, 850), (500, 885)])
+    ring = both(
+        [
+            (500, 160),
+            (620, 150),
+            (700, 230),
+            (690, 300),
+            (800, 420),
+            (845, 560),
+            (790, 740),
+            (660, 850),
+            (500, 885),
+        ]
+    )
     frame = both(
         [(500, 400), (560, 390), (640, 330), (780, 300), (920, 330), (965, 400), (930, 540), (840, 640), (700, 650),
          (600, 590), (545, 500), (500, 475)]
@@ -177,7 +191,8 @@ def strayed(points, rng, amount):
     n = len(points)
     step = np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)) + 1e-6
     slow, fast = (
-        gaussian_filter1d(rng.normal(size=(n, 2)), s, axis=0, mode="nearest") * np.sqrt(2 * s * np.sqrt(np.pi))
+        gaussian_filter1d(rng.normal(size=(n, 2)), s, axis=0, mode="nearest")
+        * np.sqrt(2 * s * np.sqrt(np.pi))
         for s in (70 / step, 9 / step)
     )
     return points + amount * (slow + 0.15 * fast)
@@ -217,7 +232,15 @@ def _ink(canvas, points, hand, rng, clear=()):
         if any(np.linalg.norm(points[k] - c) < hand.gap / 2 for c in clear):
             continue
         a, b = (np.round(p * 2 * 16 - 8).astype(int) for p in points[k : k + 2])
-        cv2.line(layer, a.tolist(), b.tolist(), 255, max(1, round(2 * hand.pen * min(press[k], 1.3))), cv2.LINE_8, 4)
+        cv2.line(
+            layer,
+            a.tolist(),
+            b.tolist(),
+            255,
+            max(1, round(2 * hand.pen * min(press[k], 1.3))),
+            cv2.LINE_8,
+            4,
+        )
     deposit = layer.astype(np.float32) / 255
     canvas[:] = 1 - (1 - canvas) * (1 - deposit * (0.6 if hand.passes > 1 else 1.0))
 
@@ -358,7 +381,9 @@ HANDS: dict[str, Hand] = {
     "silhouette": Hand("filled with black", filled="solid"),
     "white on black": Hand("white on black", ink=(245, 245, 245), paper=(18, 18, 20), grain=0.2),
     "kraft": Hand("black on kraft paper", paper=(176, 134, 92), ink=(38, 30, 28), pen=8.0, grain=0.4),
-    "white on kraft": Hand("white on kraft paper", paper=(168, 126, 86), ink=(250, 246, 240), pen=9.0, grain=0.3),
+    "white on kraft": Hand(
+        "white on kraft paper", paper=(168, 126, 86), ink=(250, 246, 240), pen=9.0, grain=0.3
+    ),
     "ruled": Hand("ruled paper", rules="ruled"),
     "squared": Hand("squared paper, pencil", rules="squared", pen=7.0, dark=0.8, grain=0.3),
     "turned": Hand("turned by 20 degrees", turn_deg=20.0, size=0.82),
@@ -366,7 +391,9 @@ HANDS: dict[str, Hand] = {
     "noise": Hand("grain and compression", page=noisy, suffix="jpg", quality=35),
     "blurred": Hand("out of focus", page=blurred, suffix="jpg"),
     "table": Hand("paper on a wooden table", page=on_table, suffix="jpg", size=0.85),
-    "ruled on table": Hand("ruled paper on a table", page=on_table, rules="ruled", size=0.8, suffix="jpg", pen=8.0),
+    "ruled on table": Hand(
+        "ruled paper on a table", page=on_table, rules="ruled", size=0.8, suffix="jpg", pen=8.0
+    ),
     "white desk": Hand("white paper on a white desk", page=on_white_desk, suffix="jpg", size=0.85),
     "border": Hand("the drawing touches the border", shift=(0.0, 118.0)),
     "tiny": Hand("64 pixels", pen=22.0, page=scaled(64)),
@@ -402,7 +429,12 @@ def draw(subject: Subject, hand: Hand, seed: int, folder: Path, name: str) -> Dr
     if hand.filled:
         body = cv2.GaussianBlur(shape.astype(np.float32), (0, 0), 0.8)[..., None]
         for loop in truth[1:]:
-            body *= 1 - cv2.GaussianBlur(_filled(loop, 1.0, (PAGE, PAGE)).astype(np.float32), (0, 0), 0.8)[..., None]
+            body *= (
+                1
+                - cv2.GaussianBlur(_filled(loop, 1.0, (PAGE, PAGE)).astype(np.float32), (0, 0), 0.8)[
+                    ..., None
+                ]
+            )
         tone = hand.ink if hand.filled == "solid" else subject.colour
         page = page * (1 - body) + np.array(tone, float) * body
         if hand.filled != "colour":
@@ -478,7 +510,10 @@ def outcome(drawn: Drawn) -> Outcome:
     scale = np.array([width / drawing.width, height / drawing.height])
     seen = fill_contour(drawing.outline * scale, (height, width))
     overlap = float((seen & drawn.silhouette).sum() / (seen | drawn.silhouette).sum())
-    loops = [fill_contour(loop * scale, (height, width)) for loop in (*drawing.eyes, *drawing.holes, *drawing.regions)]
+    loops = [
+        fill_contour(loop * scale, (height, width))
+        for loop in (*drawing.eyes, *drawing.holes, *drawing.regions)
+    ]
     found = 0
     for opening in drawn.openings:
         want = fill_contour(opening, (height, width))
@@ -498,10 +533,15 @@ def table(hands, chosen, folder, in_turn=False) -> dict[str, list[Outcome]]:
             one = outcome(draw(shape, HANDS[name], 100 + k, folder, f"{name.replace(' ', '-')}-{subject}"))
             outcomes.append(one)
             if not one.understood:
-                why = one.refused or f"IoU {one.overlap:.3f}, openings {one.openings} of {len(one.drawn.openings)}"
+                why = (
+                    one.refused
+                    or f"IoU {one.overlap:.3f}, openings {one.openings} of {len(one.drawn.openings)}"
+                )
                 print(f"    {name} {subject}: {why}")
             if one.drawing is not None:
-                Image.fromarray(picture_of(one.drawing)).save(folder / f"{one.drawn.file.stem}.understood.png")
+                Image.fromarray(picture_of(one.drawing)).save(
+                    folder / f"{one.drawn.file.stem}.understood.png"
+                )
         told[name] = outcomes
         good, refused = sum(o.understood for o in outcomes), sum(bool(o.refused) for o in outcomes)
         seen = [o.overlap for o in outcomes if not o.refused]
@@ -565,13 +605,28 @@ def sheet(told: dict[str, list[Outcome]], columns=4) -> np.ndarray:
     outcomes = [outcomes[0] for outcomes in told.values()]
     cells = []
     for name, one, relief in zip(told, outcomes, relief_pictures(outcomes), strict=True):
-        shown = np.full((CELL, CELL, 3), 248, np.uint8) if one.drawing is None else fitted(picture_of(one.drawing))
+        shown = (
+            np.full((CELL, CELL, 3), 248, np.uint8)
+            if one.drawing is None
+            else fitted(picture_of(one.drawing))
+        )
         rgba = read_image(one.drawn.file).astype(float)
         given = rgba[..., :3] * rgba[..., 3:] / 255 + 255 - rgba[..., 3:]
         strip = np.hstack([fitted(given.astype(np.uint8)), shown, relief])
         title = np.full((26, strip.shape[1], 3), 248, np.uint8)
-        verdict = "" if one.understood else " (refused)" if one.refused else f" (misread, IoU {one.overlap:.2f})"
-        cv2.putText(title, HANDS[name].says + verdict, (8, 19), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (40, 40, 40), 1, cv2.LINE_AA)
+        verdict = (
+            "" if one.understood else " (refused)" if one.refused else f" (misread, IoU {one.overlap:.2f})"
+        )
+        cv2.putText(
+            title,
+            HANDS[name].says + verdict,
+            (8, 19),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.5,
+            (40, 40, 40),
+            1,
+            cv2.LINE_AA,
+        )
         cells.append(np.pad(np.vstack([title, strip]), ((0, 6), (0, 14), (0, 0)), constant_values=248))
     while len(cells) % columns:
         cells.append(np.full_like(cells[0], 248))
@@ -579,10 +634,14 @@ def sheet(told: dict[str, list[Outcome]], columns=4) -> np.ndarray:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--hands", default=",".join(HANDS))
     parser.add_argument("--subjects", default="")
-    parser.add_argument("--sheet", help="draw one subject for each hand, in turn, and write the contact sheet")
+    parser.add_argument(
+        "--sheet", help="draw one subject for each hand, in turn, and write the contact sheet"
+    )
     parser.add_argument("--folder")
     given = parser.parse_args()
     hands = given.hands.split(",")

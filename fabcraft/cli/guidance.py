@@ -94,7 +94,9 @@ def _of_drawing(
         placed, scale, where = place(drawing, base), 1.0, ""
     else:
         frame, (across, down) = frame_of(base, "", reading or ""), np.ptp(drawing.outline, axis=0)
-        sheet, space = plate(base, frame, None, None if frame.openings and frame.depth_mm else float(across / down))
+        sheet, space = plate(
+            base, frame, None, None if frame.openings and frame.depth_mm else float(across / down)
+        )
         placed, scale, where = place_motif(drawing, sheet), space.scale, f" on the {frame.name}"
         drawing = with_openings(drawing, sheet)
     width, height = np.ptp(placed.outline, axis=0) / scale

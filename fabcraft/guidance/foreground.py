@@ -51,14 +51,19 @@ def foreground(rgba: Image, by: By = "auto") -> Foreground:
     """
     if by == "auto":
         by = "alpha" if (rgba[..., 3] < 128).mean() > 0.01 else "grabcut"
-    ways: dict[str, Callable[[Image], Mask]] = {"alpha": _by_alpha, "grabcut": _by_colour, "rembg": _by_network}
+    ways: dict[str, Callable[[Image], Mask]] = {
+        "alpha": _by_alpha,
+        "grabcut": _by_colour,
+        "rembg": _by_network,
+    }
     mask = ways[by](rgba)
     pieces, count = ndimage.label(mask, np.ones((3, 3)))
     area = np.bincount(pieces.ravel(), minlength=count + 1)[1:]
     if not count or not LEAST_SHARE < area.max() / mask.size < MOST_SHARE:
         share = area.max() / mask.size if count else 0.0
         raise InputError(
-            f"no object stands out in the picture: what was found covers {100 * share:.0f} % of it", OTHER_WAYS
+            f"no object stands out in the picture: what was found covers {100 * share:.0f} % of it",
+            OTHER_WAYS,
         )
     words = {"alpha": "its transparency", "grabcut": "its colours (GrabCut)", "rembg": "a network (rembg)"}
     return Foreground(pieces == area.argmax() + 1, words[by])

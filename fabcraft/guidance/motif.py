@@ -60,7 +60,10 @@ def with_openings(drawing: Drawing, plate: Template) -> Drawing:
     """The drawing, those of its loops told as holes that are the openings of the object it shows (bore, lenses)."""
     drawn = _drawn_openings(drawing, len(plate.openings)) if plate.openings else ()
     used = {id(loop) for loop in drawn}
-    left = {name: tuple(loop for loop in getattr(drawing, name) if id(loop) not in used) for name in ("eyes", "regions")}
+    left = {
+        name: tuple(loop for loop in getattr(drawing, name) if id(loop) not in used)
+        for name in ("eyes", "regions")
+    }
     return replace(drawing, holes=(*drawing.holes, *drawn), **left) if drawn else drawing
 
 

@@ -43,9 +43,11 @@ def without_rules(dark: Grey, faintest: float) -> Grey:
     families = [_family(found, page.shape[1]) for found, page in zip(lines, pages, strict=True)]
     if not any(families):
         return dark
-    # on a ruled page a line all across it the other way is its margin
+    # on a ruled page a printed line all across it the other way is its margin
+    usual = float(np.median([rule.dark for family in families for rule in family]))
     level, upright = (
-        own or [line for line in found if line.span > WHOLE] for own, found in zip(families, lines, strict=True)
+        own or [line for line in found if line.span > WHOLE and line.dark < DARKER * usual]
+        for own, found in zip(families, lines, strict=True)
     )
     out = dark
     for rules, turned in ((level, False), (upright, True)):
@@ -111,7 +113,9 @@ def _fitted(mask: Bool[np.ndarray, "H W"], dark: Grey, a: float, b: float) -> _R
     counts = near.sum(1)
     at = np.clip(np.round(a + b * columns).astype(int), 0, height - 1)
     half = 0.5 * float(np.median(counts[counts > 0]))
-    return _Rule(float(a), float(b), half, float(np.median(dark[at, columns][near.any(1)])), float(near.any(1).mean()))
+    return _Rule(
+        float(a), float(b), half, float(np.median(dark[at, columns][near.any(1)])), float(near.any(1).mean())
+    )
 
 
 def _family(rules: list[_Rule], width: int) -> list[_Rule]:

@@ -25,10 +25,32 @@ MOST_ASPECT = 30.0
 SVG = "http://www.w3.org/2000/svg"
 HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 KNOWN = frozenset(
-    "svg g a defs symbol use path circle ellipse rect line polyline polygon style clipPath mask linearGradient "
-    "radialGradient stop switch".split()
+    [
+        "svg",
+        "g",
+        "a",
+        "defs",
+        "symbol",
+        "use",
+        "path",
+        "circle",
+        "ellipse",
+        "rect",
+        "line",
+        "polyline",
+        "polygon",
+        "style",
+        "clipPath",
+        "mask",
+        "linearGradient",
+        "radialGradient",
+        "stop",
+        "switch",
+    ]
 )
-SILENT = frozenset("title desc metadata view cursor animate animateTransform animateMotion set".split())
+SILENT = frozenset(
+    ["title", "desc", "metadata", "view", "cursor", "animate", "animateTransform", "animateMotion", "set"]
+)
 """Draws nothing."""
 REFUSED = {
     "text": "Turn the text into paths and save again.",
@@ -60,7 +82,10 @@ def read_svg(path: Path) -> UInt8[np.ndarray, "H W 4"]:
     clean.attrib.update(width=str(width), height=str(height))
     try:
         png = resvg_py.svg_to_bytes(
-            svg_string=ElementTree.tostring(clean, "unicode"), skip_system_fonts=True, width=width, height=height
+            svg_string=ElementTree.tostring(clean, "unicode"),
+            skip_system_fonts=True,
+            width=width,
+            height=height,
         )
     except ValueError as error:
         raise InputError(f"{path} cannot be drawn: {error}", AS_PNG) from error
@@ -102,7 +127,9 @@ def _parsed(path: Path) -> ElementTree.Element:
     except (expat.ExpatError, ValueError, AssertionError) as error:
         raise InputError(f"{path} is damaged: {error}", "Save it again as plain SVG.") from error
     if _name(root) != "svg":
-        raise InputError(f"{path} is XML, but its first element is no <svg>", "Name an SVG, PNG, JPEG or WebP file.")
+        raise InputError(
+            f"{path} is XML, but its first element is no <svg>", "Name an SVG, PNG, JPEG or WebP file."
+        )
     return root
 
 
@@ -126,12 +153,16 @@ def _size(root: ElementTree.Element, path: Path) -> tuple[int, int]:
         view = []
     if len(view) != 4 or not all(map(math.isfinite, view)) or min(view[2:]) <= 0:
         if None in sides:
-            raise InputError(f"{path} says neither its view box nor its width and height", "Save it as plain SVG.")
+            raise InputError(
+                f"{path} says neither its view box nor its width and height", "Save it as plain SVG."
+            )
         root.set("viewBox", f"0 0 {sides[0]} {sides[1]}")
         view = [0.0, 0.0, *(s for s in sides if s is not None)]
     across, down = (v if s is None else s for s, v in zip(sides, view[2:], strict=True))
     if not 1 / MOST_ASPECT <= across / down <= MOST_ASPECT:
-        raise InputError(f"{path} is {across:g} x {down:g}, far from a drawing's shape", "Crop it to the drawing.")
+        raise InputError(
+            f"{path} is {across:g} x {down:g}, far from a drawing's shape", "Crop it to the drawing."
+        )
     scale = SIDE / max(across, down)
     return max(1, round(across * scale)), max(1, round(down * scale))
 
@@ -163,13 +194,16 @@ def _clean(root: ElementTree.Element, path: Path) -> ElementTree.Element:
         for key, value in element.attrib.items():
             if key in HREFS:
                 if not value.startswith("#"):
-                    raise InputError(f"{path} refers to {value[:60]!r}, outside itself", "Embed it as shapes, or export it as PNG.")
+                    raise InputError(
+                        f"{path} refers to {value[:60]!r}, outside itself",
+                        "Embed it as shapes, or export it as PNG.",
+                    )
                 kept.set("href", value)
             elif "}" not in key and not key.startswith("on"):
                 kept.set(key, _local(value, path))
         if name == "style":
             kept.text = _local("".join(element.itertext()), path)
-        kept.extend(part for child in element if (part := copied(child)) is not None)
+        kept.extend([part for child in element if (part := copied(child)) is not None])
         return kept
 
     clean = copied(root)
@@ -181,7 +215,9 @@ def _clean(root: ElementTree.Element, path: Path) -> ElementTree.Element:
 def _local(text: str, path: Path) -> str:
     """Style or attribute text that names nothing outside the document."""
     if re.search(r"url\(\s*['\"]?\s*(?!['\"#\s])", text) or "@import" in text:
-        raise InputError(f"{path} refers to a file or address in its style", "Save it as plain SVG, or export it as PNG.")
+        raise InputError(
+            f"{path} refers to a file or address in its style", "Save it as plain SVG, or export it as PNG."
+        )
     return text
 
 
