@@ -106,7 +106,10 @@ def subjects() -> dict[str, Subject]:
          (930, 620), (900, 660), (780, 640), (700, 650), (710, 800), (640, 805), (610, 690), (460, 690), (440, 805),
          (370, 800), (360, 650), (290, 540), (250, 400), (200, 370), (130, 350)]
     )  # fmt: skip
-    plates = [curve([(430 + 75 * k, 520 + 16 * k), (455 + 75 * k, 480 + 16 * k), (490 + 75 * k, 535 + 16 * k)]) for k in range(3)]  # fmt: skip
+    plates = [
+        curve([(430 + 75 * k, 520 + 16 * k), (455 + 75 * k, 480 + 16 * k), (490 + 75 * k, 535 + 16 * k)])
+        for k in range(3)
+    ]
     ring = both(
         [
             (500, 160),
@@ -521,9 +524,14 @@ def outcome(drawn: Drawn) -> Outcome:
     return Outcome(drawn, drawing, "", overlap, found, seconds)
 
 
+def say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
 def table(hands, chosen, folder, in_turn=False) -> dict[str, list[Outcome]]:
     """Draw and understand everything; print a line for each hand."""
-    print(f"{'hand':16s} understood refused misread  least IoU  openings  longest s")
+    say(f"{'hand':16s} understood refused misread  least IoU  openings  longest s")
     told = {}
     for turn, name in enumerate(hands):
         outcomes = []
@@ -537,7 +545,7 @@ def table(hands, chosen, folder, in_turn=False) -> dict[str, list[Outcome]]:
                     one.refused
                     or f"IoU {one.overlap:.3f}, openings {one.openings} of {len(one.drawn.openings)}"
                 )
-                print(f"    {name} {subject}: {why}")
+                say(f"    {name} {subject}: {why}")
             if one.drawing is not None:
                 Image.fromarray(picture_of(one.drawing)).save(
                     folder / f"{one.drawn.file.stem}.understood.png"
@@ -545,16 +553,15 @@ def table(hands, chosen, folder, in_turn=False) -> dict[str, list[Outcome]]:
         told[name] = outcomes
         good, refused = sum(o.understood for o in outcomes), sum(bool(o.refused) for o in outcomes)
         seen = [o.overlap for o in outcomes if not o.refused]
-        print(
+        say(
             f"{name:16s} {good:6d}/{len(outcomes)} {refused:7d} {len(outcomes) - good - refused:7d}"
             f"  {min(seen, default=0.0):9.3f}  {sum(o.openings for o in outcomes):3d}/"
             f"{sum(len(o.drawn.openings) for o in outcomes):<3d}  {max(o.seconds for o in outcomes):9.1f}",
-            flush=True,
         )
     every = [o for outcomes in told.values() for o in outcomes]
     good, refused = sum(o.understood for o in every), sum(bool(o.refused) for o in every)
-    print(f"\n{good} of {len(every)} understood ({good / len(every):.1%}), {refused} refused with a reason, "
-          f"{len(every) - good - refused} misread")  # fmt: skip
+    say(f"\n{good} of {len(every)} understood ({good / len(every):.1%}), {refused} refused with a reason, "
+        f"{len(every) - good - refused} misread")  # fmt: skip
     return told
 
 

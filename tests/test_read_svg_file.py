@@ -29,7 +29,8 @@ SHAPES = {
     "polygon": '<polygon points="50,10 150,10 150,90 50,90"/>',
     "polyline": '<polyline points="50,10 150,10 150,90 50,90"/>',
     "line": '<line x1="50" y1="50" x2="150" y2="50" stroke="#000" stroke-width="80"/>',
-    "transforms": '<g transform="translate(100 50)"><rect transform="rotate(90) scale(2)" x="-20" y="-25" width="40" height="50"/></g>',
+    "transforms": '<g transform="translate(100 50)"><rect transform="rotate(90) scale(2)" x="-20" y="-25" '
+    'width="40" height="50"/></g>',
     "use": '<defs><rect id="r" width="100" height="80"/></defs><use xlink:href="#r" x="50" y="10"/>',
     "style sheet": '<style>.a{fill:none;stroke:red;stroke-width:80}</style><path class="a" d="M50 50 H150"/>',
     "no namespace": '<rect x="50" y="10" width="100" height="80"/>',

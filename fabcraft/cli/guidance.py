@@ -102,7 +102,10 @@ def _of_drawing(
     width, height = np.ptp(placed.outline, axis=0) / scale
     by = ("eyes" if base.kind == "sheet" else "openings") if placed.by_eyes else "outline"
     kind = "photograph" if drawing.told_apart else "sketch"
-    counts = f"{len(drawing.eyes)} eyes, {len(drawing.holes)} openings, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
+    counts = (
+        f"{len(drawing.eyes)} eyes, {len(drawing.holes)} openings, {len(drawing.regions)} regions, "
+        f"{len(drawing.strokes)} strokes"
+    )
     return drawing, {
         "route": [
             f"{kind} {name}, {drawing.width} x {drawing.height} pixels",

@@ -117,10 +117,12 @@ def _grabcut(rgb: UInt8[np.ndarray, "h w 3"], margin: float) -> Mask:
     if rgb[inset:-inset, inset:-inset].reshape(-1, 3).std(0).max() < 2.0:
         raise InputError("the picture shows one even colour", "Give a picture with something on it.")
     cv2.setRNGSeed(0)
-    cv2.grabCut(np.ascontiguousarray(rgb[..., ::-1]), marks, frame, *models, 5, cv2.GC_INIT_WITH_RECT)
-    mask = np.isin(marks, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    cv2.grabCut(
+        np.ascontiguousarray(rgb[..., ::-1]), marks, frame, models[0], models[1], 5, cv2.GC_INIT_WITH_RECT
+    )
+    found = np.isin(marks, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
+    mask = cv2.morphologyEx(found, cv2.MORPH_OPEN, disc)
     labels, count = ndimage.label(mask)
     if not count:
         return mask > 0
