@@ -43,7 +43,10 @@ class Recipe:
     motif_mm: float = 0.0
     """Longer side of the motif; 0 is as large as its place."""
     sketch: str = ""
-    """Picture of a line drawing: PNG, JPEG or WebP."""
+    """Picture of a line drawing: PNG, JPEG, WebP or SVG; or a photograph, see `foreground`."""
+    foreground: Literal["", "auto", "alpha", "grabcut", "rembg"] = ""
+    """The picture is a photograph or an illustration: how its object is told from the background. A line drawing when left
+    out."""
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     text: str = ""

@@ -1,9 +1,10 @@
 """`fabcraft guidance`: what is understood of a drawing or a mesh, before anything is made of it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 
 from fabcraft.cli.console import painted, result, result_json
 from fabcraft.cli.wearer import ANYBODY, Wearer
@@ -22,6 +23,8 @@ def guidance(
     template: str = "mask",
     body: str = "man",
     wearer: Wearer = ANYBODY,
+    reading: Annotated[Literal["object", "motif"] | None, Parameter(name="--as")] = None,
+    foreground: Literal["auto", "alpha", "grabcut", "rembg"] | None = None,
     show_input: str | None = None,
     json: bool = False,
 ) -> int:
@@ -31,15 +34,21 @@ def guidance(
 
       fabcraft guidance cat.png --show-input understood.png
       fabcraft guidance bust.stl --body woman --json
+      fabcraft guidance brooch.jpg --template necklace --foreground auto
 
     Parameters
     ----------
     file
-        A picture of a line drawing, or a mesh to look like.
+        A picture of a line drawing (PNG, JPEG, WebP or SVG), a photograph, or a mesh to look like.
     template
         A name from fabcraft templates.
     body
         A name from fabcraft bodies, or the file of a scan.
+    reading
+        What the drawing shows: the object, or a motif to be worked into it.
+    foreground
+        The picture is a photograph or an illustration: how its object is told from the background: auto (its transparency,
+        else GrabCut), alpha, grabcut or rembg.
     show_input
         Also write a picture of what was understood of a drawing (.png).
     json
@@ -49,7 +58,7 @@ def guidance(
     if show_input is not None:
         require_png(show_input, [file, body])
     from fabcraft.fitting_room import plain
-    from fabcraft.guidance.edges import understand
+    from fabcraft.guidance.photograph import read_as
     from fabcraft.guidance.show import picture_of
     from fabcraft.read.image_file import read_image
     from fabcraft.read.mesh_file import FORMATS, read_mesh
@@ -58,8 +67,8 @@ def guidance(
         mesh = read_mesh(file)
         told = _of_mesh(mesh, Path(file).name, plain(template, wearer.found(body)))
     else:
-        drawing = understand(read_image(file))
-        told = _of_drawing(drawing, Path(file).name, plain(template, wearer.found(body)))
+        drawing = read_as(read_image(file), foreground or "")
+        drawing, told = _of_drawing(drawing, Path(file).name, plain(template, wearer.found(body)), reading)
         if show_input is not None:
             told["files"] = written_png(show_input, picture_of(drawing))
     if json:
@@ -72,28 +81,40 @@ def guidance(
     return 0
 
 
-def _of_drawing(drawing: "Drawing", name: str, base: "Template") -> dict[str, Any]:
-    from fabcraft.guidance.motif import place_motif
+def _of_drawing(
+    drawing: "Drawing", name: str, base: "Template", reading: str | None
+) -> tuple["Drawing", dict[str, Any]]:
+    """The drawing, its openings told by what the template needs, and what to say of it."""
+    from fabcraft.guidance.motif import place_motif, with_openings
     from fabcraft.guidance.placement import place
+    from fabcraft.road.motif import frame_of
     from fabcraft.template.motif_plate import plate
 
     if base.kind == "sheet":
         placed, scale, where = place(drawing, base), 1.0, ""
     else:
-        frame, (across, down) = base.motifs[0], np.ptp(drawing.outline, axis=0)
-        sheet, space = plate(base, frame, None, float(across / down))
+        frame, (across, down) = frame_of(base, "", reading or ""), np.ptp(drawing.outline, axis=0)
+        sheet, space = plate(
+            base, frame, None, None if frame.openings and frame.depth_mm else float(across / down)
+        )
         placed, scale, where = place_motif(drawing, sheet), space.scale, f" on the {frame.name}"
+        drawing = with_openings(drawing, sheet)
     width, height = np.ptp(placed.outline, axis=0) / scale
-    by = "eyes" if placed.by_eyes else "outline"
-    counts = f"{len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
-    return {
+    by = ("eyes" if base.kind == "sheet" else "openings") if placed.by_eyes else "outline"
+    kind = "photograph" if drawing.told_apart else "sketch"
+    counts = (
+        f"{len(drawing.eyes)} eyes, {len(drawing.holes)} openings, {len(drawing.regions)} regions, "
+        f"{len(drawing.strokes)} strokes"
+    )
+    return drawing, {
         "route": [
-            f"sketch {name}, {drawing.width} x {drawing.height} pixels",
+            f"{kind} {name}, {drawing.width} x {drawing.height} pixels",
+            *([drawing.told_apart] if drawing.told_apart else []),
             f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm{where}",
         ],
         "understood": f"an outline, {counts}",
         "outline_closed": drawing.outline_closed,
-        "holes": len(placed.openings) + len(drawing.holes),
+        "holes": len(placed.openings),
         "strokes": len(drawing.strokes),
         "residual": list(drawing.dropped),
         "warnings": [*drawing.warnings, *placed.notes],

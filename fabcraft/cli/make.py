@@ -25,7 +25,9 @@ class Flags:
     """What can be said about an object; what is left out is the recipe file's, or the default."""
 
     sketch: str | None = None
-    """Picture of a line drawing: PNG, JPEG or WebP."""
+    """Picture of a line drawing: PNG, JPEG, WebP or SVG; or a photograph, with --foreground."""
+    foreground: Literal["auto", "alpha", "grabcut", "rembg"] | None = None
+    """The picture is a photograph or an illustration: how its object is told from the background. [default: a drawing]"""
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     text: str | None = None
@@ -95,6 +97,8 @@ class Flags:
     """Height of the cushion that a drawn region (a nose) becomes, mm. [default: 2.2]"""
     rim_height: float | None = None
     """Height of the bead along the outline and around the openings, mm; 0 for none. [default: 0.8]"""
+    shade_height: float | None = None
+    """How far the light parts of a photograph stand out, mm; 0 ignores its shading. [default: 1.6]"""
     strap_slots: Annotated[bool | None, Parameter(negative="--no-strap-slots", show_default=False)] = None
     """Cut a slot beside each eye for an elastic band. [default: yes]"""
     pictures: Annotated[bool | None, Parameter(negative="--no-pictures", show_default=False)] = None
@@ -115,6 +119,7 @@ _PLACES = {
     "stroke_width": ("inflate", "stroke_width_mm"),
     "region_height": ("inflate", "region_height_mm"),
     "rim_height": ("inflate", "rim_height_mm"),
+    "shade_height": ("inflate", "shade_height_mm"),
 }
 """Flags that have another name, or live in a table, in a recipe."""
 

@@ -8,7 +8,7 @@ its first point and runs clockwise as seen on the screen (positive shoelace area
 from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float32, Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,10 @@ class Drawing:
     """What was seen and left out, a phrase each."""
     warnings: tuple[str, ...] = ()
     """What the user should know, a sentence each."""
+    shade: Float32[np.ndarray, "H W"] | None = None
+    """Of a photograph: -1 to 1, lighter or darker than the neighbourhood; None for a line drawing."""
+    told_apart: str = ""
+    """Of a photograph: how the object was told from its background, a phrase."""
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -3,12 +3,14 @@
 An object with openings (the bore of a ring, the lenses of glasses) is placed by them.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise, signed_area
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings
+from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, shading_of
 from fabcraft.template.mask import room_around
 from fabcraft.template.motif_plate import THICKNESS
 from fabcraft.template.template import Template
@@ -50,7 +52,19 @@ def place_motif(
         scale,
         False,
         (),
+        shading_of(drawing, *laid(np.zeros(2)), scale),
     )
+
+
+def with_openings(drawing: Drawing, plate: Template) -> Drawing:
+    """The drawing, those of its loops told as holes that are the openings of the object it shows (bore, lenses)."""
+    drawn = _drawn_openings(drawing, len(plate.openings)) if plate.openings else ()
+    used = {id(loop) for loop in drawn}
+    left = {
+        name: tuple(loop for loop in getattr(drawing, name) if id(loop) not in used)
+        for name in ("eyes", "regions")
+    }
+    return replace(drawing, holes=(*drawing.holes, *drawn), **left) if drawn else drawing
 
 
 def _place_object(
@@ -89,7 +103,8 @@ def _place_object(
     regions = tuple(laid(loop) for loop in (*drawing.regions, *drawing.eyes) if id(loop) not in used)
     strokes = tuple(laid(stroke) for stroke in drawing.strokes)
     width = drawing.stroke_width_px * scale
-    return PlacedDrawing(outline, openings, regions, strokes, width, scale, bool(drawn), ())
+    shading = shading_of(drawing, *laid(np.zeros(2)), scale)
+    return PlacedDrawing(outline, openings, regions, strokes, width, scale, bool(drawn), (), shading)
 
 
 def _drawn_openings(drawing: Drawing, count: int) -> tuple[np.ndarray, ...]:

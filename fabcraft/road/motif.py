@@ -8,9 +8,9 @@ import trimesh
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import inflate
-from fabcraft.guidance.motif import place_motif
+from fabcraft.guidance.motif import place_motif, with_openings
+from fabcraft.guidance.photograph import read_as
 from fabcraft.judge import motif_likeness, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
@@ -38,14 +38,15 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     assert given.picture is not None
     with clock.stage("template"):
         template = built(recipe.template, body, recipe.parameters, recipe.own)
-        frame = _frame(template, recipe.frame, recipe.reading)
+        frame = frame_of(template, recipe.frame, recipe.reading)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
-        drawing = understand(given.picture)
+        drawing = read_as(given.picture, recipe.foreground)
         width, height = np.ptp(drawing.outline, axis=0)
         aspect = None if frame.openings and frame.depth_mm else float(width / height)
         sheet, space = plate(template, frame, recipe.motif_mm or None, aspect)
         placed = place_motif(drawing, sheet, recipe.placement, space.scale)
+        drawing = with_openings(drawing, sheet)
         even = frame.depth_mm > 0.0 and not frame.follows
         relief = inflate(placed, sheet, replace(recipe.inflate, swell=0.0) if even else recipe.inflate)
     with clock.stage("fit"):
@@ -78,7 +79,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     )
 
 
-def _frame(template: Template, name: str, reading: str) -> MotifFrame:
+def frame_of(template: Template, name: str, reading: str) -> MotifFrame:
     """The frame called `name`, or the usual one, for a drawing that shows a motif or the object."""
     fitting = [frame for frame in template.motifs if not reading or frame.reading == reading]
     found = [frame for frame in fitting if frame.name == name or not name]

@@ -8,8 +8,8 @@ from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import Relief, inflate
+from fabcraft.guidance.photograph import read_as
 from fabcraft.guidance.placement import place
 from fabcraft.guidance.target import target_relief
 from fabcraft.judge import contact_findings, likeness, seat_findings, worn
@@ -130,7 +130,7 @@ def _guidance(
             [(False, text) for text in said],
         )
     assert given.picture is not None
-    drawing = understand(given.picture)
+    drawing = read_as(given.picture, recipe.foreground)
     placed = place(drawing, template, recipe.placement)
     relief = inflate(placed, template, recipe.inflate)
     width, height = (placed.outline.max(0) - placed.outline.min(0)).tolist()
@@ -144,9 +144,11 @@ def _guidance(
 
 def sketch_line(recipe: Recipe, drawing: Drawing) -> str:
     """What was understood of the sketch, as a line of the route."""
+    kind = "photograph" if recipe.foreground else "sketch"
+    told = f", {drawing.told_apart}" if drawing.told_apart else ""
     return (
-        f"sketch {Path(recipe.sketch).name}: outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, "
-        f"{len(drawing.strokes)} strokes"
+        f"{kind} {Path(recipe.sketch).name}: outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, "
+        f"{len(drawing.strokes)} strokes{told}"
     )
 
 
