@@ -13,7 +13,7 @@ PAPER, INK, HEADING = (253, 250, 244), (46, 50, 62), (120, 118, 112)
 TINTS = {
     "animals": (250, 226, 196), "water": (204, 229, 240), "plants": (213, 232, 206), "sky": (252, 238, 190),
     "symbols": (246, 214, 216), "monsters": (224, 216, 240), "sports": (214, 226, 246), "treats": (248, 220, 232),
-    "objects": (228, 228, 224),
+    "things": (232, 226, 214), "objects": (228, 228, 224),
 }  # fmt: skip
 TILE, LABEL, COLUMNS, OVER = 220, 26, 8, 3
 SPOT = 4200.0

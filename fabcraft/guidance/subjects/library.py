@@ -29,11 +29,11 @@ from fabcraft.guidance.outline import fill_contour
 from fabcraft.guidance.subjects.path import Knots, closed_curve, joined, knots, open_curve
 from fabcraft.guidance.symmetry import mirror_axis
 
-THEMES = ("animals", "water", "plants", "sky", "symbols", "monsters", "sports", "treats")
+THEMES = ("animals", "water", "plants", "sky", "symbols", "monsters", "sports", "treats", "things")
 OBJECTS = "objects"
 PEN, MARGIN = 12.0, 60.0
 """Width of a drawn line, and of the bare paper around a drawing."""
-_LISTS = ("holes", "loops", "loop_pairs", "lines", "line_pairs")
+_LISTS = ("holes", "hole_pairs", "loops", "loop_pairs", "lines", "line_pairs")
 Points = Float64[np.ndarray, "_ 2"]
 
 
