@@ -8,6 +8,7 @@ from jaxtyping import UInt8
 
 from fabcraft.geometry.contour import signed_area
 from fabcraft.guidance.drawing import Drawing
+from fabcraft.guidance.subjects.library import OBJECTS
 
 PAPER, INK, HEADING = (253, 250, 244), (46, 50, 62), (120, 118, 112)
 TINTS = {
@@ -21,8 +22,9 @@ SPOT = 4200.0
 _FONT = cv2.FONT_HERSHEY_DUPLEX
 
 
-def portrait(drawing: Drawing, tint: tuple[int, int, int], side: int = 900) -> UInt8[np.ndarray, "S S 3"]:
-    """(side, side, 3) uint8 RGB: the drawing in the middle, its inside tinted, eyes dark and holes bare."""
+def portrait(drawing: Drawing, theme: str, side: int = 900) -> UInt8[np.ndarray, "S S 3"]:
+    """(side, side, 3) uint8 RGB: the drawing in the middle, its inside in the theme's tint, eyes dark and holes bare."""
+    tint = TINTS[theme]
     large = side * OVER
     page = np.full((large, large, 3), PAPER, np.uint8)
     scale = 0.86 * large / max(np.ptp(drawing.outline, axis=0))
@@ -37,9 +39,10 @@ def portrait(drawing: Drawing, tint: tuple[int, int, int], side: int = 900) -> U
     for loop in drawing.regions:
         small = abs(signed_area(loop)) < SPOT
         cv2.fillPoly(page, [fixed(loop)], INK if small else deep, cv2.LINE_AA, 4)
-    for hole in drawing.holes:
+    lenses = drawing.eyes if theme == OBJECTS else ()
+    for hole in (*drawing.holes, *lenses):
         cv2.fillPoly(page, [fixed(hole)], PAPER, cv2.LINE_AA, 4)
-    for eye in drawing.eyes:
+    for eye in () if lenses else drawing.eyes:
         cv2.fillPoly(page, [fixed(eye)], INK, cv2.LINE_AA, 4)
         centre, radius = eye.mean(0), 0.16 * float(np.ptp(eye, axis=0).min())
         cv2.circle(page, fixed(centre + [radius, -radius]).tolist(), round(radius * scale * 16), PAPER, -1,
@@ -66,7 +69,7 @@ def gallery(
 
 def _tile(name: str, theme: str, drawing: Drawing) -> UInt8[np.ndarray, "H W 3"]:
     tile = np.full((TILE + LABEL, TILE, 3), PAPER, np.uint8)
-    tile[:TILE] = portrait(drawing, TINTS[theme], TILE)
+    tile[:TILE] = portrait(drawing, theme, TILE)
     (width, _), _ = cv2.getTextSize(name, _FONT, 0.5, 1)
     cv2.putText(tile, name, ((TILE - width) // 2, TILE + 12), _FONT, 0.5, HEADING, 1, cv2.LINE_AA)
     return tile
