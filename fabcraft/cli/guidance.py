@@ -1,12 +1,14 @@
 """`fabcraft guidance`: what is understood of a drawing or a mesh, before anything is made of it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 
 from fabcraft.cli.console import painted, result, result_json
 from fabcraft.cli.wearer import ANYBODY, Wearer
+from fabcraft.errors import InputError
 from fabcraft.template.kinds import known
 
 if TYPE_CHECKING:
@@ -16,26 +18,33 @@ if TYPE_CHECKING:
 
 
 def guidance(
-    file: str,
+    file: str = "",
     /,
     *,
+    text: str | None = None,
+    reading: Annotated[Literal["object", "motif"] | None, Parameter(name="--as")] = None,
     template: str = "mask",
     body: str = "man",
     wearer: Wearer = ANYBODY,
     show_input: str | None = None,
     json: bool = False,
 ) -> int:
-    """Tell what is understood of a drawing or a mesh, without making anything.
+    """Tell what is understood of a drawing, words or a mesh, without making anything.
 
     Examples:
 
       fabcraft guidance cat.png --show-input understood.png
+      fabcraft guidance --text "a cat with a star" --show-input chosen.png
       fabcraft guidance bust.stl --body woman --json
 
     Parameters
     ----------
     file
         A picture of a line drawing, or a mesh to look like.
+    text
+        Words instead of a file: the drawing that the library of subjects has for them.
+    reading
+        What the drawing shows: the object, or a motif on it.
     template
         A name from fabcraft templates.
     body
@@ -46,22 +55,37 @@ def guidance(
         Print JSON.
     """
     known(template)
+    if bool(file) == bool(text):
+        raise InputError(
+            "both a file and a text were given" if file else "neither a file nor a text was given",
+            'Give one: fabcraft guidance cat.png, or fabcraft guidance --text "a cat".',
+        )
     if show_input is not None:
         require_png(show_input, [file, body])
+    drawing: "Drawing | None" = None
     from fabcraft.fitting_room import plain
     from fabcraft.guidance.edges import understand
     from fabcraft.guidance.show import picture_of
     from fabcraft.read.image_file import read_image
     from fabcraft.read.mesh_file import FORMATS, read_mesh
 
-    if Path(file).suffix.lower().removeprefix(".") in FORMATS:
+    if text:
+        from fabcraft.recipe import Recipe
+        from fabcraft.road.text import text_drawing
+
+        recipe = Recipe(template=template, text=text, via="subjects", reading=reading or "")
+        drawing, route, notes = text_drawing(recipe)
+        told = _of_drawing(drawing, route[-1], plain(template, wearer.found(body)), reading)
+        told["warnings"] = [*notes, *told["warnings"]]
+    elif Path(file).suffix.lower().removeprefix(".") in FORMATS:
         mesh = read_mesh(file)
         told = _of_mesh(mesh, Path(file).name, plain(template, wearer.found(body)))
     else:
         drawing = understand(read_image(file))
-        told = _of_drawing(drawing, Path(file).name, plain(template, wearer.found(body)))
-        if show_input is not None:
-            told["files"] = written_png(show_input, picture_of(drawing))
+        origin = f"sketch {Path(file).name}, {drawing.width} x {drawing.height} pixels"
+        told = _of_drawing(drawing, origin, plain(template, wearer.found(body)), reading)
+    if show_input is not None and drawing is not None:
+        told["files"] = written_png(show_input, picture_of(drawing))
     if json:
         result_json(told)
         return 0
@@ -72,7 +96,7 @@ def guidance(
     return 0
 
 
-def _of_drawing(drawing: "Drawing", name: str, base: "Template") -> dict[str, Any]:
+def _of_drawing(drawing: "Drawing", origin: str, base: "Template", reading: str | None) -> dict[str, Any]:
     from fabcraft.guidance.motif import place_motif
     from fabcraft.guidance.placement import place
     from fabcraft.template.motif_plate import plate
@@ -80,15 +104,17 @@ def _of_drawing(drawing: "Drawing", name: str, base: "Template") -> dict[str, An
     if base.kind == "sheet":
         placed, scale, where = place(drawing, base), 1.0, ""
     else:
-        frame, (across, down) = base.motifs[0], np.ptp(drawing.outline, axis=0)
-        sheet, space = plate(base, frame, None, float(across / down))
+        frame = next(one for one in base.motifs if one.reading == (reading or one.reading))
+        across, down = np.ptp(drawing.outline, axis=0)
+        aspect = None if frame.openings and frame.depth_mm else float(across / down)
+        sheet, space = plate(base, frame, None, aspect)
         placed, scale, where = place_motif(drawing, sheet), space.scale, f" on the {frame.name}"
     width, height = np.ptp(placed.outline, axis=0) / scale
     by = "eyes" if placed.by_eyes else "outline"
     counts = f"{len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
     return {
         "route": [
-            f"sketch {name}, {drawing.width} x {drawing.height} pixels",
+            origin,
             f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm{where}",
         ],
         "understood": f"an outline, {counts}",
@@ -130,7 +156,6 @@ def _of_mesh(mesh: "Mesh", name: str, base: "Template") -> dict[str, Any]:
 
 def require_png(place: str, inputs: list[str]) -> None:
     """Raise `InputError` for a picture that could not be written afterwards."""
-    from fabcraft.errors import InputError
     from fabcraft.write.places import require_places
 
     if Path(place).suffix.lower() != ".png":

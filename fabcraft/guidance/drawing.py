@@ -26,7 +26,7 @@ class Drawing:
     eyes: tuple[Float64[np.ndarray, "_ 2"], ...]
     """None or two closed contours, the left one of the picture first: the centre line of the drawn loop."""
     holes: tuple[Float64[np.ndarray, "_ 2"], ...]
-    """Other closed contours that are meant to be open; none unless the user says so."""
+    """Other closed contours that are meant to be open, where whoever drew it says so (the library's drawings)."""
     regions: tuple[Float64[np.ndarray, "_ 2"], ...]
     """Closed contours of the other loops and filled spots inside (nose, cheeks, inner ears), largest first.
     """
@@ -52,6 +52,11 @@ class Drawing:
     """What was seen and left out, a phrase each."""
     warnings: tuple[str, ...] = ()
     """What the user should know, a sentence each."""
+
+    @property
+    def lines(self) -> tuple[Float64[np.ndarray, "_ 2"], ...]:
+        """The strokes, and the rims of the holes: what lies behind a motif or a mask closes them."""
+        return (*self.strokes, *(np.vstack([hole, hole[:1]]) for hole in self.holes))
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -45,7 +45,7 @@ def place_motif(
         counter_clockwise(laid(drawing.outline)),
         (),
         tuple(laid(loop) for loop in (*drawing.regions, *drawing.eyes)),
-        tuple(laid(stroke) for stroke in drawing.strokes),
+        tuple(laid(line) for line in drawing.lines),
         drawing.stroke_width_px * scale,
         scale,
         False,
@@ -97,5 +97,5 @@ def _drawn_openings(drawing: Drawing, count: int) -> tuple[np.ndarray, ...]:
     if count == 2:
         return drawing.eyes
     least = _BORE_SHARE * float(drawing.silhouette.sum())
-    loops = [loop for loop in (*drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least]
+    loops = [loop for loop in (*drawing.holes, *drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least]
     return tuple(sorted(loops, key=lambda loop: -abs(signed_area(loop)))[:1])

@@ -82,7 +82,7 @@ def place(drawing: Drawing, template: Template, settings: PlacementSettings | No
         outline,
         openings,
         tuple(laid(region) for region in drawing.regions),
-        tuple(laid(stroke) for stroke in drawing.strokes),
+        tuple(laid(line) for line in drawing.lines),
         drawing.stroke_width_px * pixel_mm,
         pixel_mm,
         len(drawing.eyes) == 2,
