@@ -30,10 +30,10 @@ def subjects(name: str = "", /, *, picture: str | None = None, json: bool = Fals
     if picture is not None:
         require_png(picture, [])
     told = _one(name, picture) if name else _all(picture)
+    lines = told.pop("lines")
     if json:
         result_json(told)
         return 0
-    lines = told.pop("lines")
     result("\n".join([*lines, *wrote(told)]))
     return 0
 

@@ -16,7 +16,7 @@ TINTS = {
     "symbols": (246, 214, 216), "monsters": (224, 216, 240), "sports": (214, 226, 246), "treats": (248, 220, 232),
     "things": (232, 226, 214), "objects": (228, 228, 224),
 }  # fmt: skip
-TILE, LABEL, COLUMNS, OVER = 220, 26, 8, 3
+TILE, LABEL, COLUMNS, OVER = 220, 26, 12, 3
 SPOT = 4200.0
 """A loop of a smaller area is inked, as eyes and nostrils are."""
 _FONT = cv2.FONT_HERSHEY_DUPLEX

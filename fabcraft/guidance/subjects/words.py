@@ -126,8 +126,9 @@ def _nearest(word: str, index: Mapping[str, Subject]) -> list[str]:
     found: dict[str, str] = {}
     for one in difflib.get_close_matches(word, index, n=4 * NEAREST, cutoff=0.6):
         name = index[one].name
+        spaced = next((word for word in index[one].words if plain(word).replace(" ", "") == one), one)
         alike = plain(name).replace(" ", "") == one.replace(" ", "")
-        found.setdefault(name, name if alike else f"{name} ({one})")
+        found.setdefault(name, name if alike else f"{name} ({spaced})")
     return list(found.values())[:NEAREST]
 
 
