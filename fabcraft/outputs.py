@@ -58,7 +58,9 @@ def side_files(recipe: Recipe) -> dict[str, Path]:
         return {}
     first = Path(recipe.output[0])
     names = {"report": f"{first.stem}.json", "page": f"{first.stem}.html"}
-    names |= {name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or _has_drawing(recipe)}
+    names |= {
+        name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or _has_drawing(recipe)
+    }
     return {name: first.with_name(file) for name, file in names.items()}
 
 

@@ -150,7 +150,9 @@ def _road(recipe: Recipe, given: Given) -> Callable[[Recipe, Given, Body, Printe
 def _require_one_input(recipe: Recipe) -> None:
     """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
     if recipe.via and not recipe.text:
-        raise InputError(f"via is {recipe.via}, but there is no text", "Give --text WORDS, or leave --via out.")
+        raise InputError(
+            f"via is {recipe.via}, but there is no text", "Give --text WORDS, or leave --via out."
+        )
     given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
     if len(given) != 1:
         both = "both " if len(given) == 2 else ""

@@ -41,7 +41,8 @@ def test_a_prompt_names_its_subject(text, words):
 
 
 @pytest.mark.parametrize(
-    ("text", "name"), [("dinosuar", "dinosaur"), ("catt", "cat"), ("buterfly", "butterfly"), ("bunnny", "bunny")]
+    ("text", "name"),
+    [("dinosuar", "dinosaur"), ("catt", "cat"), ("buterfly", "butterfly"), ("bunnny", "bunny")],
 )
 def test_a_slip_of_the_pen_is_read_as_it_was_meant_and_told(text, name):
     wish = wish_of(text, KNOWN)
@@ -49,7 +50,9 @@ def test_a_slip_of_the_pen_is_read_as_it_was_meant_and_told(text, name):
     assert text in wish.notes[0]
 
 
-@pytest.mark.parametrize("text", ["clown", "father", "castle", "bar", "plant", "pocket", "leather", "funny", "host"])
+@pytest.mark.parametrize(
+    "text", ["clown", "father", "castle", "bar", "plant", "pocket", "leather", "funny", "host"]
+)
 def test_a_real_word_beside_a_subject_is_not_taken_for_it(text):
     with pytest.raises(InputError, match="no drawing of"):
         wish_of(text, KNOWN)

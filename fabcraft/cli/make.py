@@ -193,7 +193,13 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING) -> "Recipe":
     if (
         sum(name in given for name in ("sketch", "guidance", "text")) == 1
     ):  # it takes the place of the file's own
-        given = {"sketch": "", "guidance": "", "text": "", **({} if "text" in given else {"via": ""}), **given}
+        given = {
+            "sketch": "",
+            "guidance": "",
+            "text": "",
+            **({} if "text" in given else {"via": ""}),
+            **given,
+        }
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {"own": own.given()}

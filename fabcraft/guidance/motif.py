@@ -97,5 +97,7 @@ def _drawn_openings(drawing: Drawing, count: int) -> tuple[np.ndarray, ...]:
     if count == 2:
         return drawing.eyes
     least = _BORE_SHARE * float(drawing.silhouette.sum())
-    loops = [loop for loop in (*drawing.holes, *drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least]
+    loops = [
+        loop for loop in (*drawing.holes, *drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least
+    ]
     return tuple(sorted(loops, key=lambda loop: -abs(signed_area(loop)))[:1])

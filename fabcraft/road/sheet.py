@@ -148,7 +148,9 @@ def drawn(recipe: Recipe, given: Given) -> tuple[Drawing, tuple[str, ...], list[
     else:
         assert given.picture is not None
         drawing, route = understand(given.picture), (f"sketch {Path(recipe.sketch).name}",)
-    counts = f"outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
+    counts = (
+        f"outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
+    )
     notes: list[Note] = [(True, text) for text in drawing.warnings]
     notes += [(False, f"Left out of the drawing: {text}.") for text in drawing.dropped]
     return drawing, (*route[:-1], f"{route[-1]}: {counts}"), notes + [(False, text) for text in given.notes]

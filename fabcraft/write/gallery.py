@@ -55,9 +55,7 @@ def portrait(drawing: Drawing, theme: str, side: int = 900) -> UInt8[np.ndarray,
     return cv2.resize(page, (side, side), interpolation=cv2.INTER_AREA)
 
 
-def gallery(
-    named: Sequence[tuple[str, str, Drawing]], columns: int = COLUMNS
-) -> UInt8[np.ndarray, "H W 3"]:
+def gallery(named: Sequence[tuple[str, str, Drawing]], columns: int = COLUMNS) -> UInt8[np.ndarray, "H W 3"]:
     """(H, W, 3) uint8 RGB: (name, theme, drawing) each in a tile with its name below."""
     rows = []
     for start in range(0, len(named), columns):

@@ -55,12 +55,12 @@ def knots(text: str) -> Knots:
 
 
 def joined(parts: list[Knots]) -> Knots:
-    """One line through all, a knot that two share taken once."""
+    """One line through all, a knot that two share (to `STEP`) taken once."""
     at, sharp = parts[0].at, parts[0].sharp
     for part in parts[1:]:
-        first = int(np.allclose(part.at[0], at[-1]))
+        first = int(np.linalg.norm(part.at[0] - at[-1]) < STEP)
         at, sharp = np.vstack([at, part.at[first:]]), np.r_[sharp, part.sharp[first:]]
-    if np.allclose(at[0], at[-1]):
+    if np.linalg.norm(at[0] - at[-1]) < STEP:
         at, sharp = at[:-1], sharp[:-1]
     return Knots(at, sharp)
 
@@ -109,7 +109,7 @@ def _through(at: Points) -> Points:
 
 
 def _ellipse(words: list[str]) -> Knots:
-    """"x,y r", "x,y a,b" or "x,y a,b degrees"."""
+    """ "x,y r", "x,y a,b" or "x,y a,b degrees"."""
     x, y = (float(one) for one in words[0].split(","))
     half = [float(one) for one in words[1].split(",")]
     round_ = np.radians(np.arange(0.0, 360.0, 22.5))

@@ -17,18 +17,113 @@ from fabcraft.guidance.subjects.library import Subject
 
 MOST_LETTERS, NEAREST = 300, 5
 CATEGORIES = set(
-    """mask masks ring rings bangle bangles bracelet bracelets cuff necklace necklaces pendant pendants glasses eyeglasses
-    sunglasses spectacles frames visor visors helmet helmets slipper slippers wearable jewel jewelry jewellery
-    accessory""".split()
+    [
+        "mask",
+        "masks",
+        "ring",
+        "rings",
+        "bangle",
+        "bangles",
+        "bracelet",
+        "bracelets",
+        "cuff",
+        "necklace",
+        "necklaces",
+        "pendant",
+        "pendants",
+        "glasses",
+        "eyeglasses",
+        "sunglasses",
+        "spectacles",
+        "frames",
+        "visor",
+        "visors",
+        "helmet",
+        "helmets",
+        "slipper",
+        "slippers",
+        "wearable",
+        "jewel",
+        "jewelry",
+        "jewellery",
+        "accessory",
+    ]
 )
 """Words for what is made, not for what it looks like."""
-FILLERS = set("a an the my your his her our their this that some one please me want i would give make it is".split())
+FILLERS = set(
+    [
+        "a",
+        "an",
+        "the",
+        "my",
+        "your",
+        "his",
+        "her",
+        "our",
+        "their",
+        "this",
+        "that",
+        "some",
+        "one",
+        "please",
+        "me",
+        "want",
+        "i",
+        "would",
+        "give",
+        "make",
+        "it",
+        "is",
+    ]
+)
 GENERAL = set(
-    """face faces head heads shape shapes symbol sign icon design motif pattern theme themed style silhouette drawing
-    picture sketch image figure character animal outline""".split()
+    [
+        "face",
+        "faces",
+        "head",
+        "heads",
+        "shape",
+        "shapes",
+        "symbol",
+        "sign",
+        "icon",
+        "design",
+        "motif",
+        "pattern",
+        "theme",
+        "themed",
+        "style",
+        "silhouette",
+        "drawing",
+        "picture",
+        "sketch",
+        "image",
+        "figure",
+        "character",
+        "animal",
+        "outline",
+    ]
 )
 """Words behind a subject that say no more than the subject does."""
-BREAKS = set("looks look looking like resembling resembles shaped form as of in which for showing depicting".split())
+BREAKS = set(
+    [
+        "looks",
+        "look",
+        "looking",
+        "like",
+        "resembling",
+        "resembles",
+        "shaped",
+        "form",
+        "as",
+        "of",
+        "in",
+        "which",
+        "for",
+        "showing",
+        "depicting",
+    ]
+)
 JOINS: Mapping[str, Literal["with", "on", "and"]] = {
     "with": "with", "wearing": "with", "holding": "with", "has": "with", "having": "with", "on": "on", "over": "on",
     "and": "and", "plus": "and", "beside": "and", "next": "and",
@@ -65,7 +160,8 @@ def wish_of(prompt: str, known: Mapping[str, Subject]) -> Wish:
     """
     if len(prompt) > MOST_LETTERS:
         raise InputError(
-            f"the text has {len(prompt)} letters; at most {MOST_LETTERS} were expected", "Say it in a few words."
+            f"the text has {len(prompt)} letters; at most {MOST_LETTERS} were expected",
+            "Say it in a few words.",
         )
     phrases: list[tuple[str, list[str]]] = [("", [])]
     for word in plain(prompt).split():
@@ -87,13 +183,16 @@ def wish_of(prompt: str, known: Mapping[str, Subject]) -> Wish:
             join = ""
         elif how == "with" and found and words:
             raise InputError(
-                f"'{' '.join(words)}' is a kind of wearable; the library draws what one looks like", _list_them()
+                f"'{' '.join(words)}' is a kind of wearable; the library draws what one looks like",
+                _list_them(),
             )
     if not found:
         raise InputError(f"the text '{prompt.strip()[:60]}' names nothing to draw", _list_them())
     if len(found) > 2:
         names = ", ".join(subject.name for _, subject in found)
-        raise InputError(f"the text names {len(found)} subjects ({names}); two at most are composed", "Name fewer.")
+        raise InputError(
+            f"the text names {len(found)} subjects ({names}); two at most are composed", "Name fewer."
+        )
     (_, first), (how, second) = found[0], found[-1]
     if len(found) == 1:
         return Wish(first, notes=tuple(notes))
@@ -197,7 +296,7 @@ def _meant(word: str, index: Mapping[str, Subject]) -> Subject | None:
 def _slips(word: str, name: str) -> int:
     """How many slips of the pen lie between two words, 0 where it is too many to be sure.
 
-    Letters that changed places and doubled or undoubled letters are slips in any word of four letters and more; another letter,
+    Letters that changed places, doubled or undoubled, are slips in any word of four letters and more; another letter,
     one too many or too few only in one of seven on, two only in one of nine on: short words have real words beside them.
     """
     short = min(len(word), len(name))
