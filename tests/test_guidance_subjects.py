@@ -26,10 +26,11 @@ def crossings(contour: np.ndarray) -> int:
     def side(p):
         """Of which side of edge i the point p_j lies, (N, N)."""
         r = p[None] - a[:, None]
-        return np.sign(d[:, None, 0] * r[..., 1] - d[:, None, 1] * r[..., 0])
+        area = d[:, None, 0] * r[..., 1] - d[:, None, 1] * r[..., 0]
+        return np.sign(np.where(abs(area) < 1e-6, 0.0, area))
 
     apart = side(a) * side(b) < 0
-    return int(np.triu(apart & apart.T, 2)[:, :].sum())
+    return int(np.triu(apart & apart.T, 2).sum())
 
 
 def pen(drawing):

@@ -1,4 +1,4 @@
-"""Which road words take: an encoder, a text-to-image back end, or the library of drawings."""
+"""Which road words take: an encoder, a text-to-image back end, or the library of line drawings."""
 
 from fabcraft.errors import InputError, MissingError
 from fabcraft.guidance.drawing import Drawing

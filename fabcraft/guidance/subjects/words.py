@@ -16,114 +16,26 @@ from fabcraft.errors import InputError
 from fabcraft.guidance.subjects.library import Subject
 
 MOST_LETTERS, NEAREST = 300, 5
-CATEGORIES = set(
-    [
-        "mask",
-        "masks",
-        "ring",
-        "rings",
-        "bangle",
-        "bangles",
-        "bracelet",
-        "bracelets",
-        "cuff",
-        "necklace",
-        "necklaces",
-        "pendant",
-        "pendants",
-        "glasses",
-        "eyeglasses",
-        "sunglasses",
-        "spectacles",
-        "frames",
-        "visor",
-        "visors",
-        "helmet",
-        "helmets",
-        "slipper",
-        "slippers",
-        "wearable",
-        "jewel",
-        "jewelry",
-        "jewellery",
-        "accessory",
-    ]
-)
+CATEGORIES = {
+    "mask", "masks", "ring", "rings", "bangle", "bangles", "bracelet", "bracelets", "cuff", "necklace", "necklaces",
+    "pendant", "pendants", "glasses", "eyeglasses", "sunglasses", "spectacles", "frames", "visor", "visors",
+    "helmet", "helmets", "slipper", "slippers", "wearable", "jewel", "jewelry", "jewellery", "accessory",
+}  # fmt: skip
 """Words for what is made, not for what it looks like."""
-FILLERS = set(
-    [
-        "a",
-        "an",
-        "the",
-        "my",
-        "your",
-        "his",
-        "her",
-        "our",
-        "their",
-        "this",
-        "that",
-        "some",
-        "one",
-        "please",
-        "me",
-        "want",
-        "i",
-        "would",
-        "give",
-        "make",
-        "it",
-        "is",
-    ]
-)
-GENERAL = set(
-    [
-        "face",
-        "faces",
-        "head",
-        "heads",
-        "shape",
-        "shapes",
-        "symbol",
-        "sign",
-        "icon",
-        "design",
-        "motif",
-        "pattern",
-        "theme",
-        "themed",
-        "style",
-        "silhouette",
-        "drawing",
-        "picture",
-        "sketch",
-        "image",
-        "figure",
-        "character",
-        "animal",
-        "outline",
-    ]
-)
+FILLERS = {
+    "a", "an", "the", "my", "your", "his", "her", "our", "their", "this", "that", "some", "one", "please", "me",
+    "want", "i", "would", "give", "make", "it", "is",
+}  # fmt: skip
+GENERAL = {
+    "face", "faces", "head", "heads", "shape", "shapes", "symbol", "sign", "icon", "design", "motif", "pattern",
+    "theme", "themed", "style", "silhouette", "drawing", "picture", "sketch", "image", "figure", "character",
+    "animal", "outline",
+}  # fmt: skip
 """Words behind a subject that say no more than the subject does."""
-BREAKS = set(
-    [
-        "looks",
-        "look",
-        "looking",
-        "like",
-        "resembling",
-        "resembles",
-        "shaped",
-        "form",
-        "as",
-        "of",
-        "in",
-        "which",
-        "for",
-        "showing",
-        "depicting",
-    ]
-)
+BREAKS = {
+    "looks", "look", "looking", "like", "resembling", "resembles", "shaped", "form", "as", "of", "in", "which",
+    "for", "showing", "depicting",
+}  # fmt: skip
 JOINS: Mapping[str, Literal["with", "on", "and"]] = {
     "with": "with", "wearing": "with", "holding": "with", "has": "with", "having": "with", "on": "on", "over": "on",
     "and": "and", "plus": "and", "beside": "and", "next": "and",
