@@ -92,7 +92,7 @@ def _room(base: Drawing, lines: Sequence[tuple[Points, bool]]) -> tuple[Float64[
         row = int(depth[:, column].argmax())
         if depth[row, column] > 0.7 * depth.max():
             return np.array([base.symmetry_axis_px, row + 0.5]), float(depth[row, column])
-    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    row, column = (int(one) for one in np.unravel_index(int(depth.argmax()), depth.shape))
     return np.array([column + 0.5, row + 0.5]), float(depth.max())
 
 
