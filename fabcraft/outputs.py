@@ -19,6 +19,7 @@ from fabcraft.check.report import PrintReport
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 from fabcraft.recipe import Recipe, recipe_toml
+from fabcraft.road.text import text_road
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.camera import VIEWS, View, views_towards
 from fabcraft.write.files import checked_extension, write_mesh
@@ -57,8 +58,14 @@ def side_files(recipe: Recipe) -> dict[str, Path]:
         return {}
     first = Path(recipe.output[0])
     names = {"report": f"{first.stem}.json", "page": f"{first.stem}.html"}
-    names |= {name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or recipe.sketch}
+    names |= {
+        name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or _has_drawing(recipe)
+    }
     return {name: first.with_name(file) for name, file in names.items()}
+
+
+def _has_drawing(recipe: Recipe) -> bool:
+    return bool(recipe.sketch) or (bool(recipe.text) and text_road(recipe)[0] != "clip")
 
 
 def require_outputs(recipe: Recipe, source: str = "") -> None:

@@ -25,6 +25,7 @@ from fabcraft.road.guided import shape_guided
 from fabcraft.road.motif import shape_motif
 from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
+from fabcraft.road.text import text_drawing, text_road
 from fabcraft.solid.orient import moved_together
 from fabcraft.template.template import Template
 from fabcraft.wearer import body_of, require_wearable
@@ -48,7 +49,7 @@ class Made:
     """(label, mesh) from the template to the fitted sheet, mm."""
     profile: PrinterProfile
     drawing: Drawing | None
-    """What was understood of the sketch."""
+    """What was understood of the sketch, or chosen for the text."""
     inspection: Inspection
     clearance_mm: np.ndarray
     """(V,) signed distance of the object's vertices to the body."""
@@ -67,15 +68,12 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
         contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
-        inputs = Given(
-            read_image(recipe.sketch) if recipe.sketch else None,
-            read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
-        )
+        inputs = _given(recipe)
     with clock.stage("body"):
         body = body_of(recipe)
         require_wearable(body, recipe.own.like or recipe.template)
         body = with_contacts(body, contacts)
-    shaped = _road(recipe)(recipe, inputs, body, profile, clock)
+    shaped = _road(recipe, inputs)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         apart = moved_together(shaped.object) if shaped.template.pair else shaped.object
         named = replace(apart, name=recipe.title or shaped.template.name)
@@ -111,6 +109,18 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     )
 
 
+def _given(recipe: Recipe) -> Given:
+    """The recipe's input, read."""
+    if recipe.sketch:
+        return Given(picture=read_image(recipe.sketch))
+    if recipe.guidance:
+        return Given(goal=read_mesh(Path(recipe.guidance)))
+    if text_road(recipe)[0] == "clip":
+        return Given()
+    drawing, route, notes = text_drawing(recipe)
+    return Given(drawing=drawing, route=route, notes=notes)
+
+
 def _person(body: Body) -> tuple[str, ...]:
     """The asked measures, in a line of the route; nothing when none were asked."""
     told = [
@@ -137,15 +147,20 @@ def _said(shaped: Shaped, body: Body) -> list[Finding]:
     return told + [Finding(check="solid", severity="note", advice=text + ".") for text in shaped.solid_notes]
 
 
-def _road(recipe: Recipe) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
+def _road(recipe: Recipe, given: Given) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
     """From the input to the object: by the drawing, by the motif, or by views from all sides."""
-    if recipe.text or (recipe.guidance and recipe.template != "mask"):
+    through_views = given.drawing is None and not recipe.sketch
+    if through_views and (recipe.text or recipe.template != "mask"):
         return shape_guided
     return shape_sheet if recipe.template == "mask" else shape_motif
 
 
 def _require_one_input(recipe: Recipe) -> None:
     """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
+    if recipe.via and not recipe.text:
+        raise InputError(
+            f"via is {recipe.via}, but there is no text", "Give --text WORDS, or leave --via out."
+        )
     given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
     if len(given) != 1:
         both = "both " if len(given) == 2 else ""

@@ -50,7 +50,10 @@ class Recipe:
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     text: str = ""
-    """What it should look like in words, instead of a sketch; read by a picture-and-text encoder (`fabcraft weights`)."""
+    """What it should look like in words, instead of a sketch, such as "a cat with a star"."""
+    via: Literal["", "clip", "picture", "subjects"] = ""
+    """The road of a text: an encoder (`fabcraft weights`), a text-to-image back end, or the library of drawings (`fabcraft
+    subjects`); the best that there is when left out."""
     encoder: str = ""
     """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
     body: str = "man"

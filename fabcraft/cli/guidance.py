@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from fabcraft.cli.console import painted, result, result_json
 from fabcraft.cli.wearer import ANYBODY, Wearer
+from fabcraft.errors import InputError
 from fabcraft.template.kinds import known
 
 if TYPE_CHECKING:
@@ -17,9 +18,10 @@ if TYPE_CHECKING:
 
 
 def guidance(
-    file: str,
+    file: str = "",
     /,
     *,
+    text: str | None = None,
     template: str = "mask",
     body: str = "man",
     wearer: Wearer = ANYBODY,
@@ -28,11 +30,12 @@ def guidance(
     show_input: str | None = None,
     json: bool = False,
 ) -> int:
-    """Tell what is understood of a drawing or a mesh, without making anything.
+    """Tell what is understood of a drawing, words or a mesh, without making anything.
 
     Examples:
 
       fabcraft guidance cat.png --show-input understood.png
+      fabcraft guidance --text "a cat with a star" --show-input chosen.png
       fabcraft guidance bust.stl --body woman --json
       fabcraft guidance brooch.jpg --template necklace --foreground auto
 
@@ -40,6 +43,8 @@ def guidance(
     ----------
     file
         A picture of a line drawing (PNG, JPEG, WebP or SVG), a photograph, or a mesh to look like.
+    text
+        Words instead of a file: the drawing that the library of subjects has for them.
     template
         A name from fabcraft templates.
     body
@@ -55,22 +60,39 @@ def guidance(
         Print JSON.
     """
     known(template)
+    if bool(file) == bool(text):
+        raise InputError(
+            "both a file and a text were given" if file else "neither a file nor a text was given",
+            'Give one: fabcraft guidance cat.png, or fabcraft guidance --text "a cat".',
+        )
     if show_input is not None:
         require_png(show_input, [file, body])
+    drawing: "Drawing | None" = None
     from fabcraft.fitting_room import plain
     from fabcraft.guidance.photograph import read_as
     from fabcraft.guidance.show import picture_of
     from fabcraft.read.image_file import read_image
     from fabcraft.read.mesh_file import FORMATS, read_mesh
 
-    if Path(file).suffix.lower().removeprefix(".") in FORMATS:
+    if text:
+        from fabcraft.recipe import Recipe
+        from fabcraft.road.text import text_drawing
+
+        recipe = Recipe(template=template, text=text, via="subjects", reading=reading or "")
+        drawing, route, notes = text_drawing(recipe)
+        drawing, told = _of_drawing(drawing, list(route), plain(template, wearer.found(body)), reading)
+        told["warnings"] = [*notes, *told["warnings"]]
+    elif Path(file).suffix.lower().removeprefix(".") in FORMATS:
         mesh = read_mesh(file)
         told = _of_mesh(mesh, Path(file).name, plain(template, wearer.found(body)))
     else:
         drawing = read_as(read_image(file), foreground or "")
-        drawing, told = _of_drawing(drawing, Path(file).name, plain(template, wearer.found(body)), reading)
-        if show_input is not None:
-            told["files"] = written_png(show_input, picture_of(drawing))
+        kind = "photograph" if drawing.told_apart else "sketch"
+        origin = [f"{kind} {Path(file).name}, {drawing.width} x {drawing.height} pixels"]
+        origin += [drawing.told_apart] if drawing.told_apart else []
+        drawing, told = _of_drawing(drawing, origin, plain(template, wearer.found(body)), reading)
+    if show_input is not None and drawing is not None:
+        told["files"] = written_png(show_input, picture_of(drawing))
     if json:
         result_json(told)
         return 0
@@ -82,7 +104,7 @@ def guidance(
 
 
 def _of_drawing(
-    drawing: "Drawing", name: str, base: "Template", reading: str | None
+    drawing: "Drawing", origin: list[str], base: "Template", reading: str | None
 ) -> tuple["Drawing", dict[str, Any]]:
     """The drawing, its openings told by what the template needs, and what to say of it."""
     from fabcraft.guidance.motif import place_motif, with_openings
@@ -101,15 +123,13 @@ def _of_drawing(
         drawing = with_openings(drawing, sheet)
     width, height = np.ptp(placed.outline, axis=0) / scale
     by = ("eyes" if base.kind == "sheet" else "openings") if placed.by_eyes else "outline"
-    kind = "photograph" if drawing.told_apart else "sketch"
     counts = (
         f"{len(drawing.eyes)} eyes, {len(drawing.holes)} openings, {len(drawing.regions)} regions, "
         f"{len(drawing.strokes)} strokes"
     )
     return drawing, {
         "route": [
-            f"{kind} {name}, {drawing.width} x {drawing.height} pixels",
-            *([drawing.told_apart] if drawing.told_apart else []),
+            *origin,
             f"placed by the drawn {by}: {width:.0f} x {height:.0f} mm{where}",
         ],
         "understood": f"an outline, {counts}",
@@ -151,7 +171,6 @@ def _of_mesh(mesh: "Mesh", name: str, base: "Template") -> dict[str, Any]:
 
 def require_png(place: str, inputs: list[str]) -> None:
     """Raise `InputError` for a picture that could not be written afterwards."""
-    from fabcraft.errors import InputError
     from fabcraft.write.places import require_places
 
     if Path(place).suffix.lower() != ".png":

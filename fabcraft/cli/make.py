@@ -31,7 +31,10 @@ class Flags:
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     text: str | None = None
-    """What it should look like in words, instead of a sketch; needs the weights of an encoder (fabcraft weights)."""
+    """What it should look like in words, instead of a sketch, such as "a cat with a star" (fabcraft subjects)."""
+    via: Literal["clip", "picture", "subjects"] | None = None
+    """The road of --text: an encoder (fabcraft weights), a text-to-image back end, or the library of drawings.
+    [default: the best that there is]"""
     encoder: str | None = None
     """The encoder of --text: a name from fabcraft weights, or a checkpoint with its config beside it."""
     set: Annotated[tuple[str, ...], Parameter(show_default=False, negative=())] = ()
@@ -142,6 +145,7 @@ def make(
       fabcraft make mask --sketch cat.png --body woman -o cat.3mf
       fabcraft make mask --sketch cat.png --preset draft -o cat.3mf -o cat.stl
       fabcraft make mask --sketch cat.png --body woman --measure head=hat57 -o cat.3mf
+      fabcraft make mask --text "a mask that looks like a cat" -o cat.3mf
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
       fabcraft make my-visor.stl --like visor --sketch star.png -o star.3mf
       fabcraft make cat.toml --wall 3
@@ -206,7 +210,13 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
     if (
         sum(name in given for name in ("sketch", "guidance", "text")) == 1
     ):  # it takes the place of the file's own
-        given = {"sketch": "", "guidance": "", "text": "", **given}
+        given = {
+            "sketch": "",
+            "guidance": "",
+            "text": "",
+            **({} if "text" in given else {"via": ""}),
+            **given,
+        }
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {"own": own.given(), "plate": plate.given()}

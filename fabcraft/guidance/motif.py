@@ -47,12 +47,12 @@ def place_motif(
         counter_clockwise(laid(drawing.outline)),
         (),
         tuple(laid(loop) for loop in (*drawing.regions, *drawing.eyes)),
-        tuple(laid(stroke) for stroke in drawing.strokes),
+        tuple(laid(line) for line in drawing.lines),
         drawing.stroke_width_px * scale,
         scale,
         False,
         (),
-        shading_of(drawing, *laid(np.zeros(2)), scale),
+        shading_of(drawing, laid(np.zeros(2)), scale),
     )
 
 
@@ -60,11 +60,16 @@ def with_openings(drawing: Drawing, plate: Template) -> Drawing:
     """The drawing, those of its loops told as holes that are the openings of the object it shows (bore, lenses)."""
     drawn = _drawn_openings(drawing, len(plate.openings)) if plate.openings else ()
     used = {id(loop) for loop in drawn}
-    left = {
-        name: tuple(loop for loop in getattr(drawing, name) if id(loop) not in used)
-        for name in ("eyes", "regions")
-    }
-    return replace(drawing, holes=(*drawing.holes, *drawn), **left) if drawn else drawing
+
+    def others(loops: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        return tuple(loop for loop in loops if id(loop) not in used)
+
+    return replace(
+        drawing,
+        eyes=others(drawing.eyes),
+        regions=others(drawing.regions),
+        holes=(*others(drawing.holes), *drawn),
+    )
 
 
 def _place_object(
@@ -103,7 +108,7 @@ def _place_object(
     regions = tuple(laid(loop) for loop in (*drawing.regions, *drawing.eyes) if id(loop) not in used)
     strokes = tuple(laid(stroke) for stroke in drawing.strokes)
     width = drawing.stroke_width_px * scale
-    shading = shading_of(drawing, *laid(np.zeros(2)), scale)
+    shading = shading_of(drawing, laid(np.zeros(2)), scale)
     return PlacedDrawing(outline, openings, regions, strokes, width, scale, bool(drawn), (), shading)
 
 
@@ -112,5 +117,7 @@ def _drawn_openings(drawing: Drawing, count: int) -> tuple[np.ndarray, ...]:
     if count == 2:
         return drawing.eyes
     least = _BORE_SHARE * float(drawing.silhouette.sum())
-    loops = [loop for loop in (*drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least]
+    loops = [
+        loop for loop in (*drawing.holes, *drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least
+    ]
     return tuple(sorted(loops, key=lambda loop: -abs(signed_area(loop)))[:1])

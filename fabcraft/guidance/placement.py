@@ -52,11 +52,11 @@ class Shading:
         return replace(self, plane=replace(self.plane, top_mm=self.plane.top_mm + up_mm))
 
 
-def shading_of(drawing: Drawing, left_mm: float, top_mm: float, pixel_mm: float) -> Shading | None:
+def shading_of(drawing: Drawing, corner_mm: Float64[np.ndarray, "2"], pixel_mm: float) -> Shading | None:
     """The shading of a drawing whose upper left corner lies there; None when it has none."""
     if drawing.shade is None:
         return None
-    plane = Plane(float(left_mm), float(top_mm), float(pixel_mm), drawing.width, drawing.height)
+    plane = Plane(float(corner_mm[0]), float(corner_mm[1]), float(pixel_mm), drawing.width, drawing.height)
     return Shading(plane, drawing.shade)
 
 
@@ -104,12 +104,12 @@ def place(drawing: Drawing, template: Template, settings: PlacementSettings | No
         outline,
         openings,
         tuple(laid(region) for region in drawing.regions),
-        tuple(laid(stroke) for stroke in drawing.strokes),
+        tuple(laid(line) for line in drawing.lines),
         drawing.stroke_width_px * pixel_mm,
         pixel_mm,
         len(drawing.eyes) == 2,
         tuple(notes),
-        shading_of(drawing, *laid(np.zeros(2)), pixel_mm),
+        shading_of(drawing, laid(np.zeros(2)), pixel_mm),
     )
     return _with_room(placed, template, settings)
 

@@ -10,14 +10,13 @@ from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.inflate import inflate
 from fabcraft.guidance.motif import place_motif, with_openings
-from fabcraft.guidance.photograph import read_as
 from fabcraft.judge import motif_likeness, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished
-from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
+from fabcraft.road.sheet import drawn, fitted, how, stopped
 from fabcraft.solid.mount import mount
 from fabcraft.solid.slab import slab
 from fabcraft.template.motif_plate import plate
@@ -35,13 +34,12 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     Ctrl-C during the fit keeps the best so far.  Raises `InputError` for what cannot be placed, `SolidError` when no
     closed manifold comes out.
     """
-    assert given.picture is not None
     with clock.stage("template"):
         template = built(recipe.template, body, recipe.parameters, recipe.own)
         frame = frame_of(template, recipe.frame, recipe.reading)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
-        drawing = read_as(given.picture, recipe.foreground)
+        drawing, line, notes = drawn(recipe, given)
         width, height = np.ptp(drawing.outline, axis=0)
         aspect = None if frame.openings and frame.depth_mm else float(width / height)
         sheet, space = plate(template, frame, recipe.motif_mm or None, aspect)
@@ -67,11 +65,11 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         drawing=drawing,
         stages=_stages(template, space, design.stages),
         route=(
-            sketch_line(recipe, drawing),
+            *line,
             _where(template, frame, width, height),
             *how(design, units_per_mm=space.scale),
         ),
-        notes=(*drawing_notes(drawing), *((False, text) for text in template.notes)),
+        notes=(*notes, *((False, text) for text in template.notes)),
         solid_notes=solid.notes,
         findings=tuple(stopped(design)),
         metrics=motif_likeness(alone, sheet, relief, space.seen(template.mesh) if frame.depth_mm else None),
