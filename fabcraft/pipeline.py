@@ -81,7 +81,8 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         skin = on_skin(shaped.object, shaped.worn.body, pair) if recipe.plate.asked else None
         words = size_words(recipe.parameters, recipe.measures)
         placed = prepare(named, profile, recipe.plate, skin, words, pair)
-        inspection = inspect_mesh(placed.whole, profile, worn=shaped.worn, pieces=placed.pieces)
+        parts = max(shaped.template.parts * (1 + pair), len(placed.pieces))
+        inspection = inspect_mesh(placed.whole, profile, worn=shaped.worn, pieces=placed.pieces, parts=parts)
         clearance = shaped.worn.body.signed(shaped.object.vertices)
     clock.seconds.update({f"check.{name}": value for name, value in inspection.report.seconds.items()})
     found = inspection.report

@@ -109,13 +109,15 @@ def inspect_mesh(
     route: tuple[str, ...] = (),
     files: tuple[str, ...] = (),
     pieces: tuple[Mesh, ...] = (),
+    parts: int = 1,
 ) -> Inspection:
     """`check_mesh` with the maps: problem faces, thickness by sample, face and vertex.
 
     pieces : what `mesh` consists of, when each is to fit the build volume and not all of them together.
+    parts : of how many separate closed surfaces it is to be.
     """
     ledger = _Ledger()
-    topology = ledger.run("topology", lambda: _topology(mesh, ledger))
+    topology = ledger.run("topology", lambda: _topology(mesh, ledger, parts))
     solid = topology is not None and topology.solid
     thickness = None
     if topology is not None and topology.faces:
@@ -147,11 +149,11 @@ def peak_memory_bytes() -> int:
     return peak if sys.platform == "darwin" else peak * 1024
 
 
-def _topology(mesh: Mesh, ledger: _Ledger) -> "Topology":
+def _topology(mesh: Mesh, ledger: _Ledger, parts: int) -> "Topology":
     from fabcraft.check.topology import inspect_topology, topology_findings
 
     topology = inspect_topology(mesh)
-    ledger.findings += topology_findings(topology)
+    ledger.findings += topology_findings(topology, parts)
     names = (
         "faces",
         "open_edges",
