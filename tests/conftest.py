@@ -36,6 +36,22 @@ class Run:
     made: "Made"
 
 
+_CAT = ("tests/test_outputs.py", "tests/test_pipeline.py")
+"""Files that look at the cat mask: one worker makes it for them all."""
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """As --dist loadfile, with the files of the cat mask as one."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return _CAT[0] if file in _CAT else file
+
+    return Scheduling(config, log)
+
+
 @pytest.fixture(scope="session")
 def cat(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The cat mask for a man, draft, as 3MF and STL with everything beside them."""

@@ -615,13 +615,3 @@ def test_every_name_of_the_python_interface_is_there() -> None:
     assert set(fabcraft.__all__) <= set(dir(fabcraft))
     with pytest.raises(AttributeError, match="nonsense"):
         fabcraft.nonsense  # noqa: B018
-
-
-def test_the_python_interface_makes_and_writes(cat, tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    recipe = fabcraft.Recipe(output=(str(tmp_path / "a.glb"), str(tmp_path / "a.ply")), pictures=False)
-    files = fabcraft.write_all(replace(cat.made, recipe=recipe))
-    assert [Path(file).name for file in files] == ["a.glb", "a.ply"]
-    assert np.allclose(fabcraft.read_mesh(files[1]).bounds, cat.made.object.bounds)
-    assert fabcraft.make.__module__ == "fabcraft.pipeline"

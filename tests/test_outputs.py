@@ -199,3 +199,13 @@ def test_the_picture_of_a_head_marks_its_landmarks() -> None:
     image = body_picture(human("man").part("head"))
     red = (image[..., 0] > 180) & (image[..., 1] < 60) & (image[..., 2] < 60)
     assert red.sum() > 600
+
+
+def test_the_python_interface_makes_and_writes(cat, tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    recipe = fabcraft.Recipe(output=(str(tmp_path / "a.glb"), str(tmp_path / "a.ply")), pictures=False)
+    files = fabcraft.write_all(replace(cat.made, recipe=recipe))
+    assert [Path(file).name for file in files] == ["a.glb", "a.ply"]
+    assert np.allclose(fabcraft.read_mesh(files[1]).bounds, cat.made.object.bounds)
+    assert fabcraft.make.__module__ == "fabcraft.pipeline"
