@@ -57,7 +57,7 @@ def side_files(recipe: Recipe) -> dict[str, Path]:
         return {}
     first = Path(recipe.output[0])
     names = {"report": f"{first.stem}.json", "page": f"{first.stem}.html"}
-    names |= {name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or recipe.sketch}
+    names |= {name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or recipe.is_drawn}
     return {name: first.with_name(file) for name, file in names.items()}
 
 
@@ -79,7 +79,16 @@ def outputs_of(recipe: Recipe) -> list[str]:
 def inputs_of(recipe: Recipe, source: str = "") -> list[str]:
     """What may be a file that the recipe reads.  source : the recipe's own file."""
     own = (recipe.template, recipe.own.transform, recipe.own.landmarks, recipe.own.locked)
-    return [*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source]
+    return [
+        *own,
+        recipe.sketch,
+        recipe.guidance,
+        recipe.mesh_file,
+        recipe.body,
+        recipe.contacts,
+        recipe.printer,
+        source,
+    ]
 
 
 def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fabcraft.backends.ask import Consent, answered, refuse
 from fabcraft.body.body import Body
 from fabcraft.body.contacts import read_contacts, with_contacts
 from fabcraft.check.inspect import Inspection, inspect_mesh
@@ -53,14 +54,19 @@ class Made:
     """The fit was stopped early; the best so far was used."""
 
 
-def make(recipe: Recipe, tell: Tell | None = None) -> Made:
+def make(recipe: Recipe, tell: Tell | None = None, consent: Consent = refuse) -> Made:
     """Run the recipe, without writing anything.
 
+    consent : asked before a back end that costs, sends something away or runs a recipe's command is called.
     Ctrl-C during the fit keeps the best so far and goes on; see `Made.interrupted`.
     Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
     """
     _require_one_input(recipe)
-    clock = Clock({}, tell)
+    clock, asked, route = Clock({}, tell), recipe, ()
+    if recipe.mesh_wanted or recipe.text_to_image:
+        with clock.stage("ask"):
+            answers = answered(recipe, consent, tell)
+        recipe, route = answers.recipe, answers.route
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
         contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
@@ -83,7 +89,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     report = replace(
         found,
         findings=(*found.findings, *shaped.findings, *_said(shaped, body)),
-        route=(*_person(body), *shaped.route, f"laid on the bed {placed.words}"),
+        route=(*_person(body), *route, *shaped.route, f"laid on the bed {placed.words}"),
         metrics={**found.metrics, **shaped.metrics, **_measured(body)},
         seconds=clock.seconds,
     )
@@ -91,7 +97,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         object=shaped.object,
         on_bed=placed.mesh,
         report=report,
-        recipe=recipe,
+        recipe=asked,
         body=body,
         template=shaped.template,
         stages=shaped.stages,
@@ -137,8 +143,10 @@ def _road(recipe: Recipe) -> Callable[[Recipe, Given, Body, PrinterProfile, Cloc
 
 
 def _require_one_input(recipe: Recipe) -> None:
-    """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
+    """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given (a picture has text and sketch)."""
     given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
+    if recipe.text_to_image and given == ["sketch", "text"]:
+        return
     if len(given) != 1:
         both = "both " if len(given) == 2 else ""
         what = both + " and ".join(given) if given else "neither a sketch, a guidance mesh nor a text"

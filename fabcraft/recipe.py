@@ -23,6 +23,7 @@ from fabcraft.template.mask import WALL_MM
 from fabcraft.template.own import OwnSettings
 
 _FILES = ("template", "sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
+_FILE = "file:"
 _OWN_FILES = ("transform", "landmarks", "locked")
 """Keys that may name files, of a recipe and of its table `own`."""
 
@@ -49,6 +50,10 @@ class Recipe:
     """What it should look like in words, instead of a sketch; read by a picture-and-text encoder (`fabcraft weights`)."""
     encoder: str = ""
     """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
+    image_to_3d: str = ""
+    """What makes a mesh of the sketch, or of the picture of the text: NAME or NAME:ARGUMENT from `fabcraft backends`."""
+    text_to_image: str = ""
+    """What makes a picture of the text, over the sketch if there is one: NAME or NAME:ARGUMENT from `fabcraft backends`."""
     body: str = "man"
     """Who wears it: man, woman, teenager, child, toddler, a character (`fabcraft bodies`), or a scan (STL, OBJ, PLY,
     GLB, 3MF)."""
@@ -90,6 +95,21 @@ class Recipe:
     own: OwnSettings = field(default_factory=OwnSettings)
     placement: PlacementSettings = field(default_factory=PlacementSettings)
     inflate: InflateSettings = field(default_factory=InflateSettings)
+
+    @property
+    def mesh_wanted(self) -> bool:
+        """Whether a back end makes a mesh of the picture; otherwise the picture is read as a drawing."""
+        return self.image_to_3d not in ("", "inflate")
+
+    @property
+    def mesh_file(self) -> str:
+        """The file of the back end `file:MESH`, or nothing."""
+        return self.image_to_3d.removeprefix(_FILE) if self.image_to_3d.startswith(_FILE) else ""
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether a drawing decides the shape: a sketch, or a picture that a back end makes of words."""
+        return bool(self.sketch or self.text_to_image) and not self.mesh_wanted
 
     def __post_init__(self) -> None:
         if isinstance(self.output, str):
@@ -149,7 +169,26 @@ def read_recipe(path: Path | str) -> Recipe:
 def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -> dict[str, Any]:
     """The files named in `table` that lie in `folder`, by key."""
     said = {name: folder / getattr(table, name) for name in names if getattr(table, name)}
-    return {name: str(path) for name, path in said.items() if path.is_file()}
+    found = {name: str(path) for name, path in said.items() if path.is_file()}
+    if (
+        isinstance(table, Recipe)
+        and table.image_to_3d.startswith(_FILE)
+        and (folder / table.mesh_file).is_file()
+    ):
+        found["image_to_3d"] = f"{_FILE}{folder / table.mesh_file}"
+    return found
+
+
+def _travelling(asked: str) -> str:
+    """A back end as it is written down: the files that its argument names without their folders."""
+    name, colon, argument = asked.partition(":")
+    if asked.startswith(_FILE):
+        return f"{_FILE}{Path(argument).name}"
+    if name in ("command", "diffusers"):
+        argument = re.sub(
+            r"(?<![\w:/.~-])(?:~|[A-Za-z]:|\.{1,2})?[/\\][^\s'\"#]*[/\\](?=[^\s'\"#/\\])", "", argument
+        )
+    return f"{name}{colon}{argument}"
 
 
 def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:
@@ -222,6 +261,8 @@ def recipe_toml(recipe: Recipe) -> str:
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
             if entry.name in _FILES:
                 value = Path(value).name  # a recipe that travels must not tell where a user keeps their files
+            if entry.name in ("image_to_3d", "text_to_image"):
+                value = _travelling(value)
             if entry.name == "output":
                 value = tuple(Path(one).name for one in value)
             lines.append(f"{entry.name} = {text(value)}")
