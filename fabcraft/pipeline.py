@@ -62,7 +62,8 @@ def make(recipe: Recipe, tell: Tell | None = None, consent: Consent = refuse) ->
     Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
     """
     _require_one_input(recipe)
-    clock, asked, route = Clock({}, tell), recipe, ()
+    clock, asked = Clock({}, tell), recipe
+    route: tuple[str, ...] = ()
     if recipe.mesh_wanted or recipe.text_to_image:
         with clock.stage("ask"):
             answers = answered(recipe, consent, tell)

@@ -7,6 +7,7 @@ Unknown keys are refused, so a misspelt one is never silently ignored.
 import difflib
 import math
 import re
+import shlex
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
@@ -182,13 +183,22 @@ def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -
 def _travelling(asked: str) -> str:
     """A back end as it is written down: the files that its argument names without their folders."""
     name, colon, argument = asked.partition(":")
-    if asked.startswith(_FILE):
-        return f"{_FILE}{Path(argument).name}"
-    if name in ("command", "diffusers"):
-        argument = re.sub(
-            r"(?<![\w:/.~-])(?:~|[A-Za-z]:|\.{1,2})?[/\\][^\s'\"#]*[/\\](?=[^\s'\"#/\\])", "", argument
-        )
+    if name == "diffusers":
+        argument = "#".join(_bare(one) if Path(one).is_absolute() else one for one in argument.split("#"))
+    elif name == "file":
+        argument = _bare(argument)
+    elif name == "command":
+        try:
+            argument = shlex.join(map(_bare, shlex.split(argument)))
+        except ValueError:
+            argument = ""
     return f"{name}{colon}{argument}"
+
+
+def _bare(word: str) -> str:
+    """A path, or that after an =, without its folders; an address as it is."""
+    before, equals, path = word.rpartition("=")
+    return word if "://" in word else f"{before}{equals}{Path(path).name}"
 
 
 def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:

@@ -11,13 +11,14 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 from urllib.parse import quote, urldefrag, urlsplit
 
+from fabcraft.backends.address import checked_url, is_local
 from fabcraft.backends.answer import MESHES
 from fabcraft.backends.backend import MESH_BYTES, Answer, Request, Said, Terms
-from fabcraft.backends.web import Web, checked_url, is_local
+from fabcraft.backends.web import Web
 from fabcraft.errors import InputError, MissingError
 
 _EVENTS_BYTES = 20_000_000
-_PICTURES = ("Image", "ImageEditor", "Imageslider", "File", "Sketchpad")
+_PICTURES, _EDITORS = ("image", "imageeditor", "sketchpad", "file"), ("imageeditor", "sketchpad")
 _TOKEN = "HF_TOKEN"
 _HINT = f"Set {_TOKEN} for a private Space of Hugging Face, or ask who runs the app."
 
@@ -139,18 +140,20 @@ def _dicts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(one, dict) for one in value)
 
 
+def _component(value: dict[str, Any]) -> str:
+    return str(value.get("component")).lower()
+
+
 def _fits(endpoint: dict[str, Any]) -> bool:
-    takes = any(one.get("component") in _PICTURES for one in endpoint["parameters"])
-    return takes and any(one.get("component") == "Model3D" for one in endpoint["returns"])
+    takes = any(_component(one) in _PICTURES for one in endpoint["parameters"])
+    return takes and any(_component(one) == "model3d" for one in endpoint["returns"])
 
 
 def _value(web: Web, parameter: dict[str, Any], file: dict[str, Any], seed: int) -> Any:
     """What a parameter gets: the picture, the seed, or its default."""
-    component, name = (
-        parameter.get("component"),
-        str(parameter.get("parameter_name") or parameter.get("label") or ""),
-    )
-    if component in ("ImageEditor", "Sketchpad"):
+    component = _component(parameter)
+    name = str(parameter.get("parameter_name") or parameter.get("label") or "")
+    if component in _EDITORS:
         return {"background": file, "layers": [], "composite": file}
     if component in _PICTURES:
         return file
@@ -160,8 +163,6 @@ def _value(web: Web, parameter: dict[str, Any], file: dict[str, Any], seed: int)
         return False
     if parameter.get("parameter_has_default"):
         return parameter.get("parameter_default")
-    if component == "State":
-        return None
     raise web.useless(f"its input {name[:60]!r} has no default; only a picture and a seed are given")
 
 

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
+from fabcraft.backends.address import checked_url, is_local
 from fabcraft.backends.backend import PICTURE_BYTES, Answer, Request, Said, Terms
-from fabcraft.backends.web import Web, checked_url, is_local
+from fabcraft.backends.web import Web
 from fabcraft.errors import InputError, MissingError
 
 MODEL, HOME, SIZE = "gpt-image-1", "https://api.openai.com/v1", "1024x1024"

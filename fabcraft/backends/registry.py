@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Literal
 
 from fabcraft.backends.backend import Backend
-from fabcraft.errors import FabcraftError, InputError, MissingError
+from fabcraft.errors import InputError, MissingError
 
 Group = Literal["image_to_3d", "text_to_image"]
 BUILT_IN = "inflate"
@@ -71,10 +71,9 @@ def listed() -> list[Listed]:
             try:
                 kind = _loaded(point)
                 lacking = kind.lacks()
-                row = (kind.about, kind.usage, lacking)
-            except FabcraftError as error:
-                row = (point.value, name, error)
-            about, usage, lacking = row
+                about, usage = kind.about, kind.usage
+            except MissingError as error:
+                about, usage, lacking = point.value, name, error
             rows.append(
                 Listed(
                     group,

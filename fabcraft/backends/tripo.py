@@ -12,8 +12,9 @@ from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
 from fabcraft.backends import cache
+from fabcraft.backends.address import checked_url
 from fabcraft.backends.backend import MESH_BYTES, Answer, Request, Said, Terms
-from fabcraft.backends.web import Web, checked_url
+from fabcraft.backends.web import Web
 from fabcraft.errors import InputError, MissingError
 
 MODEL = "v2.5-20250123"

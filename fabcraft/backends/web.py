@@ -7,63 +7,29 @@ other scheme, redirects are followed by hand, a key goes to no other host, and n
 import contextlib
 import email.utils
 import http.client
-import ipaddress
 import json
-import re
 import secrets
 import socket
-import ssl
 import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urljoin, urlsplit
 
 from fabcraft import __version__
+from fabcraft.backends.address import opener, origin_of
 from fabcraft.errors import FabcraftError, InputError, MissingError
 
 JSON_BYTES = 80_000_000
 """A picture as base64 fits into an answer."""
-ATTEMPTS, LONGEST_WAIT_S, REDIRECTS = 4, 30.0, 5
+ATTEMPTS, FIRST_WAIT_S, LONGEST_WAIT_S, REDIRECTS = 4, 1.0, 30.0, 5
 SILENCE_S = 90.0
 """Longest time without a byte."""
 _BUSY = (429, 503)
 _PASSING = (408, 429, 500, 502, 503, 504)
-
-
-def checked_url(url: str, what: str = "URL") -> str:
-    """`url` without a trailing slash.  Raises `InputError` unless it is http(s), names a host and carries no secret."""
-    try:
-        parts = urlsplit(url)
-        host, user = parts.hostname, parts.username
-        _ = parts.port
-    except ValueError as error:
-        raise InputError(
-            f"{what} {url[:200]!r} cannot be read: {error}", "Give one such as http://127.0.0.1:7860."
-        ) from None
-    if parts.scheme not in ("http", "https") or not host or re.search(r"[\s\x00-\x1f\x7f]", url):
-        raise InputError(
-            f"{what} {url[:200]!r} was given; an http or https address was expected",
-            "Give one such as http://127.0.0.1:7860.",
-        )
-    if user is not None or parts.query:
-        raise InputError(
-            f"the {what} carries a name, password or query, which would be written into recipes",
-            "Give the address alone; keys belong in the environment.",
-        )
-    return url.rstrip("/")
-
-
-def is_local(url: str) -> bool:
-    """Whether the host of `url` is this machine."""
-    host = urlsplit(url).hostname or ""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 @dataclass(frozen=True)
@@ -128,7 +94,7 @@ class Web:
 
     def events(self, url: str, limit: int) -> Iterator[tuple[str, str]]:
         """(event, data) of a stream of server-sent events, until it ends."""
-        event, data = "message", []
+        event, data = "message", list[str]()
         try:
             with self._opened("GET", url, None, {"Accept": "text/event-stream"}) as response:
                 self._require_good(response)
@@ -189,7 +155,7 @@ class Web:
     ) -> Reply:
         for attempt in range(ATTEMPTS):
             last = attempt == ATTEMPTS - 1
-            wait_s = min(2.0**attempt, LONGEST_WAIT_S)
+            wait_s = min(FIRST_WAIT_S * 2.0**attempt, LONGEST_WAIT_S)
             try:
                 with self._opened(method, url, body, headers) as response:
                     if response.status in passing and not last:
@@ -199,8 +165,8 @@ class Web:
                         data = b"".join(self._chunks(response, limit))
                         return Reply(data, response.headers.get_content_type(), response.url or url)
             except _BrokenError as broken:
-                # a request that was perhaps heard is only repeated where that does no harm
-                if last or not (method == "GET" or broken.unheard):
+                # a request that was perhaps heard is only repeated where that does no harm; nobody there is soon believed
+                if last or (attempt > 0 if broken.unheard else method != "GET"):
                     raise broken.told from None
             self.pause(wait_s)
         raise AssertionError("the last attempt returns or raises")
@@ -218,7 +184,7 @@ class Web:
         response = None
         try:
             response = self._answered(
-                _opener(sockets.append), method, url, body, headers, min(left, SILENCE_S)
+                opener(sockets.append), method, url, body, headers, min(left, SILENCE_S)
             )
             yield response
         except FabcraftError:
@@ -251,7 +217,7 @@ class Web:
     ) -> Any:
         for _ in range(REDIRECTS):
             sent = {"User-Agent": f"fabcraft/{__version__}", "Accept-Encoding": "identity", **headers}
-            if self.key and _origin(url) == _origin(self.home):
+            if self.key and origin_of(url) == origin_of(self.home):
                 sent["Authorization"] = f"Bearer {self.key}"
             request = urllib.request.Request(url, data=body, headers=sent, method=method)
             response = opener.open(request, timeout=silence_s)
@@ -340,48 +306,10 @@ class _BrokenError(Exception):
         self.told, self.unheard = told, unheard
 
 
-def _opener(opened: Callable[[socket.socket], None]) -> urllib.request.OpenerDirector:
-    """For http and https alone, through the system's proxies; hands every socket to `opened`."""
-
-    def plain(host: str, **named: Any) -> http.client.HTTPConnection:
-        return _watched(http.client.HTTPConnection(host, **named))
-
-    def secure(host: str, **named: Any) -> http.client.HTTPConnection:
-        return _watched(http.client.HTTPSConnection(host, context=ssl.create_default_context(), **named))
-
-    def _watched(connection: http.client.HTTPConnection) -> http.client.HTTPConnection:
-        connect = connection.connect
-
-        def connected() -> None:
-            connect()
-            opened(connection.sock)
-
-        connection.connect = connected  # type: ignore[method-assign]
-        return connection
-
-    class Handler(urllib.request.HTTPHandler):
-        def http_open(self, request: Any) -> Any:
-            return self.do_open(plain, request)  # type: ignore[arg-type]
-
-    class SecureHandler(urllib.request.HTTPSHandler):
-        def https_open(self, request: Any) -> Any:
-            return self.do_open(secure, request)  # type: ignore[arg-type]
-
-    director = urllib.request.OpenerDirector()
-    for handler in (urllib.request.ProxyHandler(), Handler(), SecureHandler()):
-        director.add_handler(handler)
-    return director
-
-
 def _shut(sockets: list[socket.socket]) -> None:
     for one in sockets:
         with contextlib.suppress(OSError):
             one.shutdown(socket.SHUT_RDWR)
-
-
-def _origin(url: str) -> tuple[str, str | None, int | None]:
-    parts = urlsplit(url)
-    return parts.scheme, parts.hostname, parts.port
 
 
 def _asked_wait(retry_after: str | None, otherwise_s: float) -> float:
