@@ -7,7 +7,7 @@ asking the user, keeping answers and looking at what came back is done once for 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
 from fabcraft.errors import MissingError
 
@@ -49,6 +49,7 @@ class Terms:
     """Whether a yes is needed; `unless typed`: only when a recipe file, not the command line, names the back end."""
 
 
+@runtime_checkable
 class Backend(Protocol):
     """One back end; `argument` is what follows its name and a colon."""
 

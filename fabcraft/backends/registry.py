@@ -7,7 +7,7 @@ a checkout finds them before it is installed again; they cannot be taken over by
 
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Literal
+from typing import Any, Literal
 
 from fabcraft.backends.backend import Backend
 from fabcraft.errors import InputError, MissingError
@@ -97,12 +97,21 @@ def _points(group: str) -> dict[str, EntryPoint]:
     return own | {name: point for name, point in others.items() if name not in own and name != BUILT_IN}
 
 
-def _loaded(point: EntryPoint) -> type[Backend]:
+def _loaded(point: EntryPoint) -> Any:
+    """The class of a `Backend`.  Raises `MissingError` for a package that is broken, or offers something else."""
     try:
-        found: type[Backend] = point.load()
+        found = point.load()
     except Exception as error:  # another package's code
         raise MissingError(
             f"the back end {point.name} ({point.value}) cannot be loaded: {type(error).__name__}: {error}",
             "Install that package again, or remove it.",
         ) from error
+    missing = [
+        part for part in ("about", "usage", "lacks", "terms", "key", "make") if not hasattr(found, part)
+    ]
+    if missing:
+        raise MissingError(
+            f"the back end {point.name} ({point.value}) has no {missing[0]}",
+            "It was made for another version of fabcraft: install it again, or remove it.",
+        )
     return found

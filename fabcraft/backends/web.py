@@ -25,6 +25,8 @@ from fabcraft.errors import FabcraftError, InputError, MissingError
 
 JSON_BYTES = 80_000_000
 """A picture as base64 fits into an answer."""
+LINE_BYTES = 1_000_000
+"""Of a stream of events."""
 ATTEMPTS, FIRST_WAIT_S, LONGEST_WAIT_S, REDIRECTS = 4, 1.0, 30.0, 5
 SILENCE_S = 90.0
 """Longest time without a byte."""
@@ -281,6 +283,8 @@ class Web:
             if taken > limit:
                 raise self.useless(f"it is longer than {limit:,} bytes")
             yield piece
+        if time.monotonic() >= self.deadline:  # a socket that the clock has shut reads like an end
+            raise self._late()
         if expected is not None and taken < expected and response.status != 204:
             raise http.client.HTTPException(f"it was cut short after {taken:,} of {expected:,} bytes")
 
@@ -288,6 +292,8 @@ class Web:
         rest = b""
         for piece in self._chunks(response, limit):
             *lines, rest = (rest + piece).split(b"\n")
+            if len(rest) > LINE_BYTES:
+                raise self.useless(f"it has a line longer than {LINE_BYTES:,} bytes")
             for line in lines:
                 yield line.rstrip(b"\r").decode("utf-8", "replace")
 
