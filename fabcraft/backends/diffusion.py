@@ -57,12 +57,23 @@ class Diffusion:
     def make(self, request: Request, said: Said) -> Answer:
         """The picture, PNG."""
         import torch
-        from diffusers import AutoPipelineForText2Image, ControlNetModel
-        from diffusers.utils import logging
+
+        from fabcraft.guidance.clip import import_torchvision
+
+        try:
+            import_torchvision()
+            from diffusers import AutoPipelineForText2Image, ControlNetModel
+            from diffusers.utils import logging
+        except (ImportError, RuntimeError) as error:  # packages that do not fit each other
+            why = " ".join(str(error).split())[-200:]
+            raise MissingError(
+                f"diffusers cannot be loaded: ...{why}", 'Run: pip install --upgrade "fabcraft[diffusers]"'
+            ) from error
 
         logging.disable_progress_bar()
+        logging.set_verbosity_error()
         device = "cuda" if torch.cuda.is_available() else "cpu"
-        named: dict[str, Any] = {"torch_dtype": torch.float16 if device == "cuda" else torch.float32}
+        named: dict[str, Any] = {"dtype": torch.float16 if device == "cuda" else torch.float32}
         drawn: dict[str, Any] = {}
         if request.picture:
             named["controlnet"] = _loaded(ControlNetModel, self._controlnet, named)
@@ -71,7 +82,7 @@ class Diffusion:
         pipeline.set_progress_bar_config(disable=True)
 
         def step(_: Any, done: int, __: Any, kept: dict[str, Any]) -> dict[str, Any]:
-            said(done + 1, STEPS)
+            said(min(done + 1, STEPS), STEPS)  # some schedulers take one more
             return kept
 
         made = pipeline(
