@@ -7,7 +7,7 @@ report inside a 3MF carries no times, memory or paths, so the same recipe gives 
 
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from fabcraft.check.report import PrintReport
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 from fabcraft.recipe import Recipe, recipe_toml
+from fabcraft.road.text import text_road
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.camera import VIEWS, View, views_towards
 from fabcraft.write.files import checked_extension, write_mesh
@@ -57,8 +58,16 @@ def side_files(recipe: Recipe) -> dict[str, Path]:
         return {}
     first = Path(recipe.output[0])
     names = {"report": f"{first.stem}.json", "page": f"{first.stem}.html"}
-    names |= {name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or recipe.is_drawn}
+    names |= {
+        name: f"{first.stem}-{name}.png" for name in CAPTIONS if name != "input" or _has_drawing(recipe)
+    }
     return {name: first.with_name(file) for name, file in names.items()}
+
+
+def _has_drawing(recipe: Recipe) -> bool:
+    if recipe.mesh_wanted:
+        return False
+    return bool(recipe.sketch) or (bool(recipe.text) and text_road(recipe)[0] != "clip")
 
 
 def require_outputs(recipe: Recipe, source: str = "") -> None:
@@ -110,8 +119,9 @@ def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None)
     jobs: list[tuple[Path, Callable[[], object]]] = []
     for path in map(Path, recipe.output):
         # what goes to the slicer lies on the bed; what goes to a viewer or a modeller stays on the body
-        mesh = made.on_bed if checked_extension(path) in (".3mf", ".stl") else made.object
-        jobs.append((path, functools.partial(_write_object, path, mesh, made, report, thumbnail)))
+        sliced = checked_extension(path) in (".3mf", ".stl")
+        meshes = made.pieces if sliced else (made.object,)
+        jobs.append((path, functools.partial(_write_object, path, meshes, made, report, thumbnail)))
     if beside:
         text = report.to_json().encode()
         jobs.append((beside["report"], functools.partial(write_atomically, beside["report"], text)))
@@ -126,11 +136,13 @@ def _title(recipe: Recipe) -> str:
     return recipe.title or Path(recipe.output[0]).stem
 
 
-def _write_object(path: Path, mesh: Mesh, made: "Made", report: PrintReport, thumbnail: bytes) -> None:
+def _write_object(
+    path: Path, meshes: Sequence[Mesh], made: "Made", report: PrintReport, thumbnail: bytes
+) -> None:
     carried = {key: value for key, value in report.to_dict().items() if key not in NOT_IN_3MF}
     write_mesh(
         path,
-        mesh,
+        meshes,
         title=_title(made.recipe),
         metadata={"Description": f"{made.template.name.capitalize()} for {made.body.name}. {report.verdict}"},
         recipe=recipe_toml(made.recipe),

@@ -17,6 +17,7 @@ from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.mesh import Mesh
+from fabcraft.plate import on_skin, prepare, size_words
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
@@ -25,7 +26,8 @@ from fabcraft.road.guided import shape_guided
 from fabcraft.road.motif import shape_motif
 from fabcraft.road.shaped import Clock, Given, Shaped, Tell
 from fabcraft.road.sheet import shape_sheet
-from fabcraft.solid.orient import moved_together, onto_bed
+from fabcraft.road.text import text_drawing, text_road
+from fabcraft.solid.orient import moved_together
 from fabcraft.template.template import Template
 from fabcraft.wearer import body_of, require_wearable
 
@@ -38,6 +40,8 @@ class Made:
     """The closed object, mm, where it is worn."""
     on_bed: Mesh
     """The same, as it lies on the printer's bed; places in the report are in this position."""
+    pieces: tuple[Mesh, ...]
+    """What `on_bed` consists of: one object of the file each."""
     report: PrintReport
     recipe: Recipe
     body: Body
@@ -46,7 +50,7 @@ class Made:
     """(label, mesh) from the template to the fitted sheet, mm."""
     profile: PrinterProfile
     drawing: Drawing | None
-    """What was understood of the sketch."""
+    """What was understood of the sketch, or chosen for the text."""
     inspection: Inspection
     clearance_mm: np.ndarray
     """(V,) signed distance of the object's vertices to the body."""
@@ -64,39 +68,44 @@ def make(recipe: Recipe, tell: Tell | None = None, consent: Consent = refuse) ->
     _require_one_input(recipe)
     clock, asked = Clock({}, tell), recipe
     route: tuple[str, ...] = ()
-    if recipe.mesh_wanted or recipe.text_to_image:
-        with clock.stage("ask"):
-            answers = answered(recipe, consent, tell)
-        recipe, route = answers.recipe, answers.route
+    outside = recipe.mesh_wanted or bool(recipe.text_to_image)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
         contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
-        inputs = Given(
-            read_image(recipe.sketch) if recipe.sketch else None,
-            read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
-        )
+        inputs = Given() if outside else _given(recipe)
     with clock.stage("body"):
         body = body_of(recipe)
         require_wearable(body, recipe.own.like or recipe.template)
         body = with_contacts(body, contacts)
-    shaped = _road(recipe)(recipe, inputs, body, profile, clock)
+    if outside:  # what may cost is asked for when all else is known to be right
+        with clock.stage("ask"):
+            answers = answered(recipe, consent, tell)
+            recipe, route = answers.recipe, answers.route
+            inputs = _given(recipe)
+    shaped = _road(recipe, inputs)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         apart = moved_together(shaped.object) if shaped.template.pair else shaped.object
-        placed = onto_bed(replace(apart, name=recipe.title or shaped.template.name), profile)
-        inspection = inspect_mesh(placed.mesh, profile, worn=shaped.worn)
+        named = replace(apart, name=recipe.title or shaped.template.name)
+        pair = shaped.template.pair
+        skin = on_skin(shaped.object, shaped.worn.body, pair) if recipe.plate.asked else None
+        words = size_words(recipe.parameters, recipe.measures)
+        placed = prepare(named, profile, recipe.plate, skin, words, pair)
+        parts = max(shaped.template.parts * (1 + pair), len(placed.pieces))
+        inspection = inspect_mesh(placed.whole, profile, worn=shaped.worn, pieces=placed.pieces, parts=parts)
         clearance = shaped.worn.body.signed(shaped.object.vertices)
     clock.seconds.update({f"check.{name}": value for name, value in inspection.report.seconds.items()})
     found = inspection.report
     report = replace(
         found,
-        findings=(*found.findings, *shaped.findings, *_said(shaped, body)),
-        route=(*_person(body), *route, *shaped.route, f"laid on the bed {placed.words}"),
-        metrics={**found.metrics, **shaped.metrics, **_measured(body)},
+        findings=(*found.findings, *shaped.findings, *placed.findings, *_said(shaped, body)),
+        route=(*_person(body), *route, *shaped.route, *placed.route),
+        metrics={**found.metrics, **shaped.metrics, **placed.numbers, **_measured(body)},
         seconds=clock.seconds,
     )
     return Made(
         object=shaped.object,
-        on_bed=placed.mesh,
+        on_bed=placed.whole,
+        pieces=placed.pieces,
         report=report,
         recipe=asked,
         body=body,
@@ -108,6 +117,18 @@ def make(recipe: Recipe, tell: Tell | None = None, consent: Consent = refuse) ->
         clearance_mm=clearance,
         interrupted=shaped.interrupted,
     )
+
+
+def _given(recipe: Recipe) -> Given:
+    """The recipe's input, read."""
+    if recipe.sketch:
+        return Given(picture=read_image(recipe.sketch))
+    if recipe.guidance:
+        return Given(goal=read_mesh(Path(recipe.guidance)))
+    if text_road(recipe)[0] == "clip":
+        return Given()
+    drawing, route, notes = text_drawing(recipe)
+    return Given(drawing=drawing, route=route, notes=notes)
 
 
 def _person(body: Body) -> tuple[str, ...]:
@@ -136,15 +157,20 @@ def _said(shaped: Shaped, body: Body) -> list[Finding]:
     return told + [Finding(check="solid", severity="note", advice=text + ".") for text in shaped.solid_notes]
 
 
-def _road(recipe: Recipe) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
+def _road(recipe: Recipe, given: Given) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
     """From the input to the object: by the drawing, by the motif, or by views from all sides."""
-    if recipe.text or (recipe.guidance and recipe.template != "mask"):
+    through_views = given.drawing is None and not recipe.sketch
+    if through_views and (recipe.text or recipe.template != "mask"):
         return shape_guided
     return shape_sheet if recipe.template == "mask" else shape_motif
 
 
 def _require_one_input(recipe: Recipe) -> None:
     """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given (a picture has text and sketch)."""
+    if recipe.via and not recipe.text:
+        raise InputError(
+            f"via is {recipe.via}, but there is no text", "Give --text WORDS, or leave --via out."
+        )
     given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
     if recipe.text_to_image and given == ["sketch", "text"]:
         return

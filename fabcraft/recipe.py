@@ -19,6 +19,7 @@ import msgspec
 from fabcraft.errors import InputError
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
+from fabcraft.solid.plate_settings import PlateSettings
 from fabcraft.template.kinds import is_own, known
 from fabcraft.template.mask import WALL_MM
 from fabcraft.template.own import OwnSettings
@@ -44,11 +45,17 @@ class Recipe:
     motif_mm: float = 0.0
     """Longer side of the motif; 0 is as large as its place."""
     sketch: str = ""
-    """Picture of a line drawing: PNG, JPEG or WebP."""
+    """Picture of a line drawing: PNG, JPEG, WebP or SVG; or a photograph, see `foreground`."""
+    foreground: Literal["", "auto", "alpha", "grabcut", "rembg"] = ""
+    """The picture is a photograph or an illustration: how its object is told from the background. A line drawing when left
+    out."""
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     text: str = ""
-    """What it should look like in words, instead of a sketch; read by a picture-and-text encoder (`fabcraft weights`)."""
+    """What it should look like in words, instead of a sketch, such as "a cat with a star"."""
+    via: Literal["", "clip", "picture", "subjects"] = ""
+    """The road of a text: an encoder (`fabcraft weights`), a text-to-image back end, or the library of drawings (`fabcraft
+    subjects`); the best that there is when left out."""
     encoder: str = ""
     """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
     image_to_3d: str = ""
@@ -96,6 +103,7 @@ class Recipe:
     own: OwnSettings = field(default_factory=OwnSettings)
     placement: PlacementSettings = field(default_factory=PlacementSettings)
     inflate: InflateSettings = field(default_factory=InflateSettings)
+    plate: PlateSettings = field(default_factory=PlateSettings)
 
     @property
     def mesh_wanted(self) -> bool:
@@ -106,11 +114,6 @@ class Recipe:
     def mesh_file(self) -> str:
         """The file of the back end `file:MESH`, or nothing."""
         return self.image_to_3d.removeprefix(_FILE) if self.image_to_3d.startswith(_FILE) else ""
-
-    @property
-    def is_drawn(self) -> bool:
-        """Whether a drawing decides the shape: a sketch, or a picture that a back end makes of words."""
-        return bool(self.sketch or self.text_to_image) and not self.mesh_wanted
 
     def __post_init__(self) -> None:
         if isinstance(self.output, str):

@@ -86,7 +86,7 @@ def test_ctrl_c_leaves_nothing_half_written(alone, sketch):  # noqa: F811
 def test_words_become_a_picture_that_is_read_as_a_drawing(alone, monkeypatch):  # noqa: F811
     with serving(openai(png())) as service:
         monkeypatch.setenv("OPENAI_BASE_URL", f"{service.url}/v1")
-        found = answered(Recipe(text="a cat", text_to_image="openai"))
+        found = answered(Recipe(text="a cat", via="picture", text_to_image="openai"))
         prompt = service.asked[0].json["prompt"]
     assert found.recipe.text == "" and found.recipe.text_to_image == ""
     assert Path(found.recipe.sketch).read_bytes() == png()
@@ -146,6 +146,11 @@ def test_a_command_out_of_a_recipe_is_not_run_unseen(alone, sketch, tmp_path):  
     ("asked", "words"),
     [
         ({"text_to_image": "openai"}, "without words"),
+        ({"text_to_image": "openai", "text": "a cat", "via": "clip"}, "both --text-to-image and --via clip"),
+        (
+            {"text_to_image": "openai", "text": "a cat", "encoder": "tiny"},
+            "both --text-to-image and the encoder",
+        ),
         ({"image_to_3d": "tripo"}, "without a picture"),
         ({"image_to_3d": "tripo", "text": "a cat"}, "without a picture"),
         ({"image_to_3d": "tripo", "sketch": "s.png", "guidance": "m.glb"}, "both"),
@@ -162,7 +167,7 @@ def test_a_recipe_that_makes_no_sense_is_told(alone, sketch, asked, words):  # n
 
 def test_the_built_in_road_asks_nobody(alone):  # noqa: F811
     recipe = Recipe(sketch="cat.png", image_to_3d="inflate")
-    assert recipe.is_drawn and not recipe.mesh_wanted
+    assert not recipe.mesh_wanted
     assert answered(recipe).recipe == Recipe(sketch="cat.png")
 
 

@@ -168,7 +168,7 @@ def test_an_input_of_the_command_line_takes_the_place_of_a_recipe_s(tmp_path):
     over = recipe_from(str(path), Flags(sketch="s.png"))
     assert (over.sketch, over.text, over.text_to_image) == ("s.png", "a cat", "openai")
     plain = recipe_from(str(path), Flags(sketch="s.png", text_to_image="", image_to_3d="inflate"))
-    assert (plain.text, plain.is_drawn) == ("", True)
+    assert (plain.text, plain.mesh_wanted) == ("", False)
 
 
 def test_a_recipe_that_travels_tells_no_folder():

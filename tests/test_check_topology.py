@@ -135,3 +135,9 @@ def test_faces_without_area_are_counted_and_change_nothing_else(box):
 def test_a_mesh_without_faces_fails():
     empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     assert severities(empty) == {"faces": "fail"}
+
+
+def test_parts_are_held_against_how_many_there_are_to_be(box):
+    two = inspect_topology(concatenate([box, moved(box, 20, 0, 0)]))
+    found = {parts: [one.severity for one in topology_findings(two, parts)] for parts in (1, 2, 3)}
+    assert found == {1: ["note"], 2: [], 3: ["warn"]}

@@ -372,3 +372,33 @@ def test_noise_is_refused_instead_of_being_traced_for_minutes() -> None:
     grey = np.random.default_rng(0).integers(0, 256, (500, 500), dtype=np.uint8)
     with pytest.raises(InputError, match="short lines"):
         understand(np.dstack([grey, grey, grey, np.full_like(grey, 255)]))
+
+
+def test_a_loop_that_passes_its_own_start_is_an_eye():
+    turn = np.radians(np.linspace(0, 375, 300))
+    grow = np.linspace(1.0, 1.22, 300)  # it ends outside where it began
+    lines = [
+        (np.column_stack([450 + s * 145 + 66 * grow * np.cos(turn), 500 + 42 * grow * np.sin(turn)]), 4.0)
+        for s in (-1, 1)
+    ]
+    assert len(understand(page([head(), *lines])).eyes) == 2
+
+
+def test_a_zigzag_is_no_loop():
+    zigzag = np.column_stack([np.linspace(330, 570, 9), np.tile([560, 680], 5)[:9]]).astype(float)
+    drawing = understand(page([head(), *eyes(y=430), (zigzag, None)]))
+    assert drawing.regions == ()
+
+
+def test_a_thick_marker_keeps_the_size_of_a_small_loop():
+    drawing = understand(page([head(), *eyes()], pen=30.0))
+    for eye in drawing.eyes:
+        assert signed_area(eye) == pytest.approx(np.pi * 66 * 42, rel=0.08)
+    assert len(drawing.eyes) == 2
+
+
+def test_a_filled_ring_has_its_bore():
+    bore = page([], fills=[arc(CENTRE, 220)])
+    drawing = understand(np.maximum(page([], fills=[arc(CENTRE, RADIUS)]), inverted(bore)))
+    (region,) = drawing.regions
+    assert signed_area(region) == pytest.approx(np.pi * 220**2, rel=0.02)

@@ -119,8 +119,8 @@ def broken(tmp_path, kind):
         return tmp_path / ("a" * 5000), "cannot look at|there is no file"
     content = {
         "empty": (b"", "is empty"),
-        "text": (b"this is no picture at all\n" * 9, "is not a PNG, JPEG or WebP picture"),
-        "gif": (b"GIF89a" + b"\0" * 99, "is not a PNG, JPEG or WebP picture"),
+        "text": (b"this is no picture at all\n" * 9, "is not a PNG, JPEG, WebP or SVG picture"),
+        "gif": (b"GIF89a" + b"\0" * 99, "is not a PNG, JPEG, WebP or SVG picture"),
         "only a header": (png_header(400, 300)[:33], "damaged|cannot read|is not a"),
         "too few rows": (png_header(400, 300), "damaged"),
     }[kind]

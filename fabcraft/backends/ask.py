@@ -67,7 +67,7 @@ def answered(recipe: Recipe, consent: Consent = refuse, tell: Tell | None = None
         path, line = _called("text_to_image", recipe.text_to_image, request, consent, tell)
         over = f" over the sketch {Path(recipe.sketch).name}" if recipe.sketch else ""
         route.append(f'picture of "{recipe.text}"{over} by {line}')
-        recipe = replace(recipe, text="", text_to_image="", sketch=str(path))
+        recipe = replace(recipe, text="", via="", text_to_image="", sketch=str(path))
     if recipe.mesh_wanted:
         request = Request(_picture(recipe.sketch), seed=recipe.seed)
         path, line = _called("image_to_3d", recipe.image_to_3d, request, consent, tell)
@@ -80,6 +80,9 @@ def require_sense(recipe: Recipe) -> None:
     """Raise `InputError` unless the recipe's back ends have something to work on."""
     if recipe.text_to_image and not recipe.text:
         raise InputError("--text-to-image was given without words", 'Give --text "WORDS" as well.')
+    if recipe.text_to_image and (recipe.encoder or recipe.via not in ("", "picture")):
+        other = f"--via {recipe.via}" if recipe.via else f"the encoder {recipe.encoder}"
+        raise InputError(f"both --text-to-image and {other} were given", "Leave one of them out.")
     if recipe.mesh_wanted and not (recipe.sketch or recipe.text_to_image):
         raise InputError(
             "--image-to-3d was given without a picture",

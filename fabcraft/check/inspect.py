@@ -108,14 +108,20 @@ def inspect_mesh(
     worn: Worn | None = None,
     route: tuple[str, ...] = (),
     files: tuple[str, ...] = (),
+    pieces: tuple[Mesh, ...] = (),
+    parts: int = 1,
 ) -> Inspection:
-    """`check_mesh` with the maps: problem faces, thickness by sample, face and vertex."""
+    """`check_mesh` with the maps: problem faces, thickness by sample, face and vertex.
+
+    pieces : what `mesh` consists of, when each is to fit the build volume and not all of them together.
+    parts : of how many separate closed surfaces it is to be.
+    """
     ledger = _Ledger()
-    topology = ledger.run("topology", lambda: _topology(mesh, ledger))
+    topology = ledger.run("topology", lambda: _topology(mesh, ledger, parts))
     solid = topology is not None and topology.solid
     thickness = None
     if topology is not None and topology.faces:
-        ledger.run("printability", lambda: _printability(mesh, profile, solid, ledger))
+        ledger.run("printability", lambda: _printability(mesh, profile, solid, pieces, ledger))
         if solid:
             thickness = ledger.run("wall", lambda: _wall(mesh, profile, ledger))
         else:
@@ -143,11 +149,11 @@ def peak_memory_bytes() -> int:
     return peak if sys.platform == "darwin" else peak * 1024
 
 
-def _topology(mesh: Mesh, ledger: _Ledger) -> "Topology":
+def _topology(mesh: Mesh, ledger: _Ledger, parts: int) -> "Topology":
     from fabcraft.check.topology import inspect_topology, topology_findings
 
     topology = inspect_topology(mesh)
-    ledger.findings += topology_findings(topology)
+    ledger.findings += topology_findings(topology, parts)
     names = (
         "faces",
         "open_edges",
@@ -162,11 +168,18 @@ def _topology(mesh: Mesh, ledger: _Ledger) -> "Topology":
     return topology
 
 
-def _printability(mesh: Mesh, profile: PrinterProfile, solid: bool, ledger: _Ledger) -> None:
-    from fabcraft.check.printability import inspect_printability, printability_findings
+def _printability(
+    mesh: Mesh, profile: PrinterProfile, solid: bool, pieces: tuple[Mesh, ...], ledger: _Ledger
+) -> None:
+    from fabcraft.check.printability import inspect_printability, printability_findings, size_findings
 
     state = inspect_printability(mesh, profile, solid)
-    ledger.findings += printability_findings(state, profile)
+    found = printability_findings(state, profile)
+    if len(pieces) > 1:
+        found = [one for one in found if one.check != "size"]
+        for piece in pieces:
+            found += size_findings(inspect_printability(piece, profile, solid), profile)
+    ledger.findings += found
     ledger.metrics |= {
         "size_mm": state.size_mm,
         "overhang_share": state.overhang_share,

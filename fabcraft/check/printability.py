@@ -67,7 +67,7 @@ def inspect_printability(mesh: Mesh, profile: PrinterProfile, solid: bool = True
 
 def printability_findings(state: Printability, profile: PrinterProfile) -> list[Finding]:
     """What a maker should know before slicing."""
-    found = _size_findings(state, profile)
+    found = size_findings(state, profile)
     if profile.process not in ("fdm", "sla"):
         return found  # powder carries the part
     if state.overhang_mm2 > 0:
@@ -105,7 +105,8 @@ def printability_findings(state: Printability, profile: PrinterProfile) -> list[
     return found
 
 
-def _size_findings(state: Printability, profile: PrinterProfile) -> list[Finding]:
+def size_findings(state: Printability, profile: PrinterProfile) -> list[Finding]:
+    """Whether it fits the build volume as it stands, turned, or on another side."""
     if not np.isfinite(state.size_mm).all():
         return [could_not_run("size", "the mesh has no extent")]
     severity: Severity
@@ -116,12 +117,12 @@ def _size_findings(state: Printability, profile: PrinterProfile) -> list[Finding
         return []
     elif state.fits_lying:
         severity = "warn"
-        advice = f"Too large for the {profile.name} as it stands, but it fits on another side: turn it."
+        advice = (
+            f"Too large for the {profile.name} as it stands, but it fits on another side: turn it (--orient)."
+        )
     else:
         severity = "fail"
-        advice = (
-            f"Larger than the build volume of the {profile.name}: split it, scale it or use a larger printer."
-        )
+        advice = f"Larger than the build volume of the {profile.name}: split it (--split), scale it or use a larger printer."
     return [
         Finding(
             check="size",

@@ -107,8 +107,8 @@ def inspect_topology(mesh: Mesh) -> Topology:
     )
 
 
-def topology_findings(topology: Topology) -> list[Finding]:
-    """What a maker should know of the counts."""
+def topology_findings(topology: Topology, parts: int = 1) -> list[Finding]:
+    """What a maker should know of the counts; `parts`: of how many separate ones the object is to be."""
     if topology.faces == 0:
         return [Finding(check="faces", severity="fail", value=0, limit=1, advice="The mesh has no faces.")]
     found = _edge_findings(topology) + _crossing_findings(topology)
@@ -122,9 +122,12 @@ def topology_findings(topology: Topology) -> list[Finding]:
         advice = "Closed hollows inside the part: resin or powder stays in, filament prints them as they are."
         found.append(_count("cavities", "warn", topology.cavities, advice))
     outer = topology.parts - topology.cavities
-    if outer > 1:
+    if outer > parts:
         advice = "The object comes in separate pieces; intended for a chain, otherwise join them."
-        found.append(Finding(check="parts", severity="note", value=outer, limit=1, advice=advice))
+        found.append(Finding(check="parts", severity="note", value=outer, limit=parts, advice=advice))
+    elif outer < parts:
+        advice = "Parts that should move on their own have grown together."
+        found.append(Finding(check="parts", severity="warn", value=outer, limit=parts, advice=advice))
     return found
 
 

@@ -1,4 +1,4 @@
-"""The command line: `fabcraft make | check | solid | guidance | printers | bodies | templates | weights |
+"""The command line: `fabcraft make | check | solid | guidance | subjects | printers | bodies | templates | weights |
 backends`.
 
 Results go to stdout, progress and errors to stderr; `--json` prints the report alone. Exit codes:
@@ -23,6 +23,7 @@ from fabcraft.cli.guidance import guidance
 from fabcraft.cli.make import make
 from fabcraft.cli.printers import printers
 from fabcraft.cli.solid import solid
+from fabcraft.cli.subjects import subjects
 from fabcraft.cli.templates import templates
 from fabcraft.cli.weights import weights
 from fabcraft.errors import FabcraftError
@@ -51,7 +52,7 @@ app = App(
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # it has a sentence and a code of its own here
 )
-_COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance)
+_COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance, subjects)
 for position, function in enumerate(_COMMANDS):
     app.command(function, sort_key=position, help_epilogue="")
 for group in (bodies, printers, templates, weights, backends):

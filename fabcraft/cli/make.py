@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from fabcraft.cli.backends import consent
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.cli.own import NOTHING, OwnFlags
+from fabcraft.cli.plate import AS_IT_IS, PlateFlags
 from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
@@ -25,11 +26,16 @@ class Flags:
     """What can be said about an object; what is left out is the recipe file's, or the default."""
 
     sketch: str | None = None
-    """Picture of a line drawing: PNG, JPEG or WebP."""
+    """Picture of a line drawing: PNG, JPEG, WebP or SVG; or a photograph, with --foreground."""
+    foreground: Literal["auto", "alpha", "grabcut", "rembg"] | None = None
+    """The picture is a photograph or an illustration: how its object is told from the background. [default: a drawing]"""
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
     text: str | None = None
-    """What it should look like in words, instead of a sketch; needs the weights of an encoder (fabcraft weights)."""
+    """What it should look like in words, instead of a sketch, such as "a cat with a star" (fabcraft subjects)."""
+    via: Literal["clip", "picture", "subjects"] | None = None
+    """The road of --text: an encoder (fabcraft weights), a text-to-image back end, or the library of drawings.
+    [default: the best that there is]"""
     encoder: str | None = None
     """The encoder of --text: a name from fabcraft weights, or a checkpoint with its config beside it."""
     image_to_3d: str | None = None
@@ -100,6 +106,8 @@ class Flags:
     """Height of the cushion that a drawn region (a nose) becomes, mm. [default: 2.2]"""
     rim_height: float | None = None
     """Height of the bead along the outline and around the openings, mm; 0 for none. [default: 0.8]"""
+    shade_height: float | None = None
+    """How far the light parts of a photograph stand out, mm; 0 ignores its shading. [default: 1.6]"""
     strap_slots: Annotated[bool | None, Parameter(negative="--no-strap-slots", show_default=False)] = None
     """Cut a slot beside each eye for an elastic band. [default: yes]"""
     pictures: Annotated[bool | None, Parameter(negative="--no-pictures", show_default=False)] = None
@@ -120,6 +128,7 @@ _PLACES = {
     "stroke_width": ("inflate", "stroke_width_mm"),
     "region_height": ("inflate", "region_height_mm"),
     "rim_height": ("inflate", "rim_height_mm"),
+    "shade_height": ("inflate", "shade_height_mm"),
 }
 """Flags that have another name, or live in a table, in a recipe."""
 
@@ -131,6 +140,7 @@ def make(
     flags: Flags = _NO_FLAGS,
     own: OwnFlags = NOTHING,
     slicing: SliceFlags = UNSLICED,
+    plate: PlateFlags = AS_IT_IS,
     yes: bool = False,
     json: bool = False,
     quiet: bool = False,
@@ -142,6 +152,7 @@ def make(
       fabcraft make mask --sketch cat.png --body woman -o cat.3mf
       fabcraft make mask --sketch cat.png --preset draft -o cat.3mf -o cat.stl
       fabcraft make mask --sketch cat.png --body woman --measure head=hat57 -o cat.3mf
+      fabcraft make mask --text "a mask that looks like a cat" -o cat.3mf
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
       fabcraft make mask --sketch cat.png --image-to-3d gradio:http://127.0.0.1:7860 -o cat.3mf
       fabcraft make my-visor.stl --like visor --sketch star.png -o star.3mf
@@ -161,7 +172,7 @@ def make(
     quiet
         No progress on stderr.
     """
-    recipe = recipe_from(what, flags, own)
+    recipe = recipe_from(what, flags, own, plate)
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
     from fabcraft.outputs import inputs_of, outputs_of, require_outputs, write_all
@@ -190,7 +201,7 @@ def make(
     return 130 if made.interrupted else int(not report.printable)
 
 
-def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING) -> "Recipe":
+def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFlags = AS_IT_IS) -> "Recipe":
     """The recipe of a template's name, its mesh file or a recipe file, with the flags over it.
 
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
@@ -209,12 +220,18 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING) -> "Recipe":
     recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
     inputs = [name for name in ("sketch", "guidance", "text") if name in given]
     if inputs == ["guidance"]:  # it takes the place of the file's own, and of what would have made one
-        given = {"sketch": "", "text": "", "image_to_3d": "", "text_to_image": "", **given}
+        given = {"sketch": "", "text": "", "via": "", "image_to_3d": "", "text_to_image": "", **given}
     elif len(inputs) == 1 and not given.get("text_to_image", recipe.text_to_image):
-        given = {"sketch": "", "guidance": "", "text": "", **given}
+        given = {
+            "sketch": "",
+            "guidance": "",
+            "text": "",
+            **({} if "text" in given else {"via": ""}),
+            **given,
+        }
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
-    tables: dict[str, dict[str, Any]] = {"own": own.given()}
+    tables: dict[str, dict[str, Any]] = {"own": own.given(), "plate": plate.given()}
     for flag, value in given.items():
         table, key = _PLACES.get(flag, ("", flag))
         tables.setdefault(table, {})[key] = value

@@ -7,15 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fabcraft.cli.console import Progress, result, show_report
+from fabcraft.cli.plate import AS_IT_IS, PlateFlags
 from fabcraft.cli.slicing import UNSLICED, SliceFlags
 from fabcraft.cli.wearer import Units
 from fabcraft.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fabcraft.check.report import PrintReport
     from fabcraft.geometry.distance import SurfaceDistance
     from fabcraft.mesh import Mesh
+    from fabcraft.plate import Prepared
     from fabcraft.profile import PrinterProfile
+    from fabcraft.solid.plate_settings import PlateSettings
     from fabcraft.solid.thicken import SolidSettings
 
 
@@ -31,6 +36,7 @@ def solid(
     clearance: float | None = None,
     units: Units | None = None,
     slicing: SliceFlags = UNSLICED,
+    plate: PlateFlags = AS_IT_IS,
     json: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -40,6 +46,7 @@ def solid(
 
       fabcraft solid surface.obj --wall 1.6 -o part.3mf
       fabcraft solid shell.stl --printer form4 --body head.ply -o part.3mf
+      fabcraft solid helmet.stl --printer prusa-mini --orient --split -o parts.3mf
 
     Parameters
     ----------
@@ -67,6 +74,11 @@ def solid(
     """
     settings, profile, place = _asked(file, output, printer, wall, body, clearance)
     slicing.require(profile, [output or ""], [file, body or "", printer or ""])
+    how = plate.settings()
+    if how.asked and profile is None:
+        raise InputError(
+            "no printer was named to prepare the object for", "Give --printer NAME (see fabcraft printers)."
+        )
     from fabcraft.geometry.distance import SurfaceDistance
     from fabcraft.read.mesh_file import read_mesh
     from fabcraft.solid.thicken import solidify
@@ -80,12 +92,14 @@ def solid(
         progress.tell("solid", 0, 1)
         made = solidify(surface, settings, distance)
         progress.tell("check", 0, 1)
-        report = _report(made.mesh, made.notes, profile, distance, settings.clearance_mm)
-        report = replace(report, route=(f"read {Path(file).name}", "made solid"), files=(str(place),))
+        ready = None if profile is None or not how.asked else _prepared(made.mesh, profile, how, distance)
+        report = _report(made.mesh, made.notes, profile, distance, settings.clearance_mm, ready)
+        steps = ("made solid", *(ready.route if ready else ()))
+        report = replace(report, route=(f"read {Path(file).name}", *steps), files=(str(place),))
         if profile is not None and slicing.slice:
             progress.tell("slice", 0, 1)
-            report = slicing.told(report, made.mesh, profile)
-        _write(place, made.mesh, report)
+            report = slicing.told(report, ready.whole if ready else made.mesh, profile)
+        _write(place, ready.pieces if ready else (made.mesh,), report)
     if json:
         result(report.to_json().rstrip("\n"))
     else:
@@ -141,8 +155,9 @@ def _report(
     profile: "PrinterProfile | None",
     distance: "SurfaceDistance | None",
     clearance_mm: float,
+    ready: "Prepared | None",
 ) -> "PrintReport":
-    """Checked for the printer; without one, only whether it is a sound solid."""
+    """Checked for the printer, as it lies there; without one, only whether it is a sound solid."""
     from fabcraft.check.inspect import Worn, inspect_mesh
     from fabcraft.check.report import Finding, PrintReport
     from fabcraft.check.topology import inspect_topology, topology_findings
@@ -152,9 +167,13 @@ def _report(
         for text in notes
     )
     if profile is not None:
-        worn = None if distance is None else Worn(body=distance, clearance_mm=clearance_mm)
-        report = inspect_mesh(mesh, profile, worn=worn).report
-        return replace(report, findings=(*report.findings, *said))
+        worn = None if distance is None else Worn(body=distance, object=mesh, clearance_mm=clearance_mm)
+        if ready is None:
+            report = inspect_mesh(mesh, profile, worn=worn).report
+            return replace(report, findings=(*report.findings, *said))
+        report = inspect_mesh(ready.whole, profile, worn=worn, pieces=ready.pieces).report
+        findings = (*report.findings, *ready.findings, *said)
+        return replace(report, findings=findings, metrics={**report.metrics, **ready.numbers})
     topology = inspect_topology(mesh)
     counted = ("faces", "open_edges", "facets_reversed", "parts", "genus", "self_intersections")
     metrics = {name: getattr(topology, name) for name in counted if getattr(topology, name) is not None}
@@ -168,7 +187,16 @@ def _report(
     )
 
 
-def _write(place: Path, mesh: "Mesh", report: "PrintReport") -> None:
+def _prepared(
+    mesh: "Mesh", profile: "PrinterProfile", how: "PlateSettings", distance: "SurfaceDistance | None"
+) -> "Prepared":
+    """The solid as it is asked on the plate; its skin side is what looks at the body."""
+    from fabcraft.plate import on_skin, prepare
+
+    return prepare(mesh, profile, how, None if distance is None else on_skin(mesh, distance))
+
+
+def _write(place: Path, meshes: "Sequence[Mesh]", report: "PrintReport") -> None:
     import json
 
     from fabcraft.outputs import NOT_IN_3MF
@@ -177,4 +205,4 @@ def _write(place: Path, mesh: "Mesh", report: "PrintReport") -> None:
 
     carried = {key: value for key, value in report.to_dict().items() if key not in NOT_IN_3MF}
     text = json.dumps(carried, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_together([(place, lambda: write_mesh(place, mesh, report_json=text))])
+    write_together([(place, lambda: write_mesh(place, meshes, report_json=text))])

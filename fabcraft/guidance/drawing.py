@@ -8,7 +8,7 @@ its first point and runs clockwise as seen on the screen (positive shoelace area
 from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float32, Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Drawing:
     eyes: tuple[Float64[np.ndarray, "_ 2"], ...]
     """None or two closed contours, the left one of the picture first: the centre line of the drawn loop."""
     holes: tuple[Float64[np.ndarray, "_ 2"], ...]
-    """Other closed contours that are meant to be open; none unless the user says so."""
+    """Other closed contours that are meant to be open, where whoever drew it says so (the library's drawings)."""
     regions: tuple[Float64[np.ndarray, "_ 2"], ...]
     """Closed contours of the other loops and filled spots inside (nose, cheeks, inner ears), largest first.
     """
@@ -52,6 +52,15 @@ class Drawing:
     """What was seen and left out, a phrase each."""
     warnings: tuple[str, ...] = ()
     """What the user should know, a sentence each."""
+    shade: Float32[np.ndarray, "H W"] | None = None
+    """Of a photograph: -1 to 1, lighter or darker than the neighbourhood; None for a line drawing."""
+    told_apart: str = ""
+    """Of a photograph: how the object was told from its background, a phrase."""
+
+    @property
+    def lines(self) -> tuple[Float64[np.ndarray, "_ 2"], ...]:
+        """The strokes, and the rims of the holes: what lies behind a motif or a mask closes them."""
+        return (*self.strokes, *(np.vstack([hole, hole[:1]]) for hole in self.holes))
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy import ndimage
 
-from fabcraft.guidance.strokes import Branch, end_direction, skeleton_graph
+from fabcraft.geometry.contour import signed_area
+from fabcraft.guidance.strokes import Branch, end_direction, skeleton_graph, trace_strokes
 
 Mask = Bool[np.ndarray, "H W"]
 Points = Float64[np.ndarray, "_ 2"]
@@ -25,6 +26,9 @@ KEEPS = 0.88
 LENGTHS = (0.035, 0.07, 0.12)  # of the drawing's longer side
 WIDEST = 0.06  # radius, of the same
 MOST_ENDS = 200
+MOST_BRIDGES = 150  # the shortest; each is weighed by filling the page without it
+CHORD = 0.17  # of the way round: a loop may be open by some 55 degrees
+ROUND = 0.4
 WORTH = 0.0015  # share of the filled area that a bridge must add
 
 
@@ -83,12 +87,39 @@ def close_gaps(ink: Mask, width: float, margin: int = 0) -> Closed:
 
 def close_loops(ink: Mask, within: Mask, width: float) -> Mask:
     """The same for lines inside the outline: an eye or a nose that is not quite closed."""
+    rings = _nearly_rings(trace_strokes(ink & within, width), width)
+    ink = _draw(ink, rings, width) if rings else ink
     inside = ink & within
     ends = _free_ends(skeleton_graph(inside, width))
     bridges = _needed(
         inside, _candidates(inside, ends, 3.5 * width, 2 * width, width), width, least=(4 * width) ** 2
     )
     return _draw(ink, bridges, width) if bridges else ink
+
+
+def _nearly_rings(strokes: list[Points], width: float) -> list[Bridge]:
+    """What is missing where one stroke comes round to its own start, or past it, and does not quite meet it.
+
+    A hand rarely ends a loop where it began.  The chord must be short against the way round, and what it encloses about
+    as round as a loop (area over that of a circle of the same length), or a zigzag would be a loop.
+    """
+    found = []
+    for line in strokes:
+        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+        best: Bridge | None = None
+        for points, way in ((line, along), (line[::-1], along[-1] - along[::-1])):
+            chord = np.linalg.norm(points - points[0], axis=1)
+            chord[way < 0.5 * along[-1]] = np.inf
+            j = int(np.argmin(chord))
+            round_trip = way[j] + chord[j]
+            roundness = 4 * np.pi * abs(signed_area(points[: j + 1])) / round_trip**2
+            if width < chord[j] < CHORD * way[j] and way[j] > 8 * width and roundness > ROUND:
+                gap = max(1.0, float(chord[j]) - width)
+                if best is None or gap < best.gap_px:
+                    best = Bridge(np.linspace(points[0], points[j], max(3, int(chord[j]))), gap)
+        if best is not None:
+            found.append(best)
+    return found
 
 
 def fill(ink: Mask) -> Mask:
@@ -206,7 +237,7 @@ def _draw(ink: Mask, bridges: list[Bridge], width: float) -> Mask:
 
 def _needed(ink: Mask, candidates: list[Bridge], width: float, least: float = 0.0) -> list[Bridge]:
     """Those candidates without which the filled area would be smaller."""
-    kept = sorted(candidates, key=lambda b: -b.gap_px)
+    kept = sorted(candidates, key=lambda b: -b.gap_px)[-MOST_BRIDGES:]
     # What a bridge covers itself does not count as enclosed.
     full = int(fill(_draw(ink, kept, width)).sum())
     worth = max(least, WORTH * full)

@@ -39,6 +39,7 @@ INFLATE_RANGES = {
     "stroke_width_mm": (0.4, 8.0),
     "region_height_mm": (0.0, 8.0),
     "rim_height_mm": (0.0, 4.0),
+    "shade_height_mm": (0.0, 5.0),
 }
 """What a wall can carry and a mask can look like."""
 
@@ -59,6 +60,8 @@ class InflateSettings:
     """Height of the cushion that a drawn region (a nose) becomes."""
     rim_height_mm: float = 0.8
     """Height of the bead along the outline and around the openings; 0 for none."""
+    shade_height_mm: float = 1.6
+    """How far the light parts of a photograph stand out, and its dark parts lie back; 0 ignores its shading."""
 
     def __post_init__(self) -> None:
         for name, (low, high) in INFLATE_RANGES.items():
@@ -123,6 +126,9 @@ def inflate(placed: PlacedDrawing, template: Template, settings: InflateSettings
     rest = gaussian_filter(template.front.contact, 14.0 * template.scale / template.front.plane.pixel_mm)
     swell = swell * (1.0 - 0.8 * np.clip(2.0 * template.front.at(rest, xz), 0.0, 1.0).reshape(x.shape))
     height = base + swell + _hollows(placed, template, plane)
+    if placed.shading is not None:
+        shade = placed.shading.plane.sample(placed.shading.value, xz).reshape(x.shape)
+        height += settings.shade_height_mm * template.scale * gaussian_filter(shade, 1.0)
     floor = template.front.at(np.where(np.isfinite(template.front.floor), template.front.floor, -1e3), xz)
     height = np.maximum(height, floor.reshape(x.shape))
     detail, fine = _detail(placed, strokes, template, settings)

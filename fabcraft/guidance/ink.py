@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from fabcraft.errors import InputError
 from fabcraft.guidance.paper import without_table
+from fabcraft.guidance.rules import without_rules
 
 LEAST_SIDE = 600
 MOST_SIDE = 1600
@@ -35,7 +36,7 @@ def working_copy(rgba: UInt8[np.ndarray, "H W 4"]) -> UInt8[np.ndarray, "h w 4"]
 
 def ink(rgba: UInt8[np.ndarray, "H W 4"]) -> Mask:
     """(H, W) True where something was drawn.  Raises `InputError` when the page is blank."""
-    dark = darkness(without_table(_opaque(rgba)))
+    dark = without_rules(darkness(without_table(_opaque(rgba))), 0.6 * FAINTEST)
     side = max(dark.shape)
     near = (
         cv2.dilate(

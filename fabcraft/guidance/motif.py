@@ -3,12 +3,14 @@
 An object with openings (the bore of a ring, the lenses of glasses) is placed by them.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise, signed_area
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings
+from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, shading_of
 from fabcraft.template.mask import room_around
 from fabcraft.template.motif_plate import THICKNESS
 from fabcraft.template.template import Template
@@ -45,11 +47,28 @@ def place_motif(
         counter_clockwise(laid(drawing.outline)),
         (),
         tuple(laid(loop) for loop in (*drawing.regions, *drawing.eyes)),
-        tuple(laid(stroke) for stroke in drawing.strokes),
+        tuple(laid(line) for line in drawing.lines),
         drawing.stroke_width_px * scale,
         scale,
         False,
         (),
+        shading_of(drawing, laid(np.zeros(2)), scale),
+    )
+
+
+def with_openings(drawing: Drawing, plate: Template) -> Drawing:
+    """The drawing, those of its loops told as holes that are the openings of the object it shows (bore, lenses)."""
+    drawn = _drawn_openings(drawing, len(plate.openings)) if plate.openings else ()
+    used = {id(loop) for loop in drawn}
+
+    def others(loops: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        return tuple(loop for loop in loops if id(loop) not in used)
+
+    return replace(
+        drawing,
+        eyes=others(drawing.eyes),
+        regions=others(drawing.regions),
+        holes=(*others(drawing.holes), *drawn),
     )
 
 
@@ -89,7 +108,8 @@ def _place_object(
     regions = tuple(laid(loop) for loop in (*drawing.regions, *drawing.eyes) if id(loop) not in used)
     strokes = tuple(laid(stroke) for stroke in drawing.strokes)
     width = drawing.stroke_width_px * scale
-    return PlacedDrawing(outline, openings, regions, strokes, width, scale, bool(drawn), ())
+    shading = shading_of(drawing, laid(np.zeros(2)), scale)
+    return PlacedDrawing(outline, openings, regions, strokes, width, scale, bool(drawn), (), shading)
 
 
 def _drawn_openings(drawing: Drawing, count: int) -> tuple[np.ndarray, ...]:
@@ -97,5 +117,7 @@ def _drawn_openings(drawing: Drawing, count: int) -> tuple[np.ndarray, ...]:
     if count == 2:
         return drawing.eyes
     least = _BORE_SHARE * float(drawing.silhouette.sum())
-    loops = [loop for loop in (*drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least]
+    loops = [
+        loop for loop in (*drawing.holes, *drawing.regions, *drawing.eyes) if abs(signed_area(loop)) > least
+    ]
     return tuple(sorted(loops, key=lambda loop: -abs(signed_area(loop)))[:1])

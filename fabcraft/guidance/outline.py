@@ -22,6 +22,7 @@ Points = Float64[np.ndarray, "_ 2"]
 OPENING = 0.85  # radius in line widths
 CORNER_DEG = 46.0
 SMOOTHING = 8.0  # shortest wavelength left in a contour, in line widths
+LEAST_WAVES = 5  # and at least so many of it fit round, or a thick pen would shrink a small loop
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +75,8 @@ def outline_of(shape: Trimmed, width: float, bridged: Points | None = None) -> P
         raw[i] = tip
         if convex:  # the round end of the pen, and the disc, must not blunt it
             weight[np.arange(i - blunt, i + blunt + 1) % len(raw)] = 0.002
-    smooth = smooth_with_corners(raw, SMOOTHING * width / step, held, weight)
+    wavelength = min(SMOOTHING * width / step, len(raw) / LEAST_WAVES)
+    smooth = smooth_with_corners(raw, wavelength, held, weight)
     return counter_clockwise(_even_between(smooth, held, step))
 
 

@@ -47,9 +47,10 @@ class Parts:
 
 
 def is_solid(ink: Mask, silhouette: Mask, width: float) -> bool:
-    """The silhouette is mostly ink, not mostly bare paper."""
+    """The silhouette is mostly ink, not mostly bare paper; or ink much thicker than a line around a wide opening."""
     core = silhouette & (_depth(silhouette) > 2 * width)
-    return bool(core.any() and ink[core].mean() > 0.6)
+    thick = core & (_depth(ink) > 2 * width)
+    return bool(core.any() and (ink[core].mean() > 0.6 or thick.sum() > 0.3 * core.sum()))
 
 
 def parts_of(ink: Mask, silhouette: Mask, width: float) -> Parts:

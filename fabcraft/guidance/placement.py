@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.contour import counter_clockwise
+from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.template.mask import ROOM_WALLS, room_around
 from fabcraft.template.template import Template
@@ -40,6 +41,26 @@ class PlacementSettings:
 
 
 @dataclass(frozen=True, eq=False)
+class Shading:
+    """Light and shade of a photograph in the front view."""
+
+    plane: Plane
+    value: Float32[np.ndarray, "H W"]
+    """-1 to 1, 0 at the rim and outside."""
+
+    def moved(self, up_mm: float) -> "Shading":
+        return replace(self, plane=replace(self.plane, top_mm=self.plane.top_mm + up_mm))
+
+
+def shading_of(drawing: Drawing, corner_mm: Float64[np.ndarray, "2"], pixel_mm: float) -> Shading | None:
+    """The shading of a drawing whose upper left corner lies there; None when it has none."""
+    if drawing.shade is None:
+        return None
+    plane = Plane(float(corner_mm[0]), float(corner_mm[1]), float(pixel_mm), drawing.width, drawing.height)
+    return Shading(plane, drawing.shade)
+
+
+@dataclass(frozen=True, eq=False)
 class PlacedDrawing:
     """A drawing in the front view of a template: contours and lines in (x, z), mm."""
 
@@ -55,6 +76,7 @@ class PlacedDrawing:
     by_eyes: bool
     """The drawn eyes were used."""
     notes: tuple[str, ...]
+    shading: Shading | None = None
 
 
 def place(drawing: Drawing, template: Template, settings: PlacementSettings | None = None) -> PlacedDrawing:
@@ -82,11 +104,12 @@ def place(drawing: Drawing, template: Template, settings: PlacementSettings | No
         outline,
         openings,
         tuple(laid(region) for region in drawing.regions),
-        tuple(laid(stroke) for stroke in drawing.strokes),
+        tuple(laid(line) for line in drawing.lines),
         drawing.stroke_width_px * pixel_mm,
         pixel_mm,
         len(drawing.eyes) == 2,
         tuple(notes),
+        shading_of(drawing, laid(np.zeros(2)), pixel_mm),
     )
     return _with_room(placed, template, settings)
 
@@ -165,6 +188,7 @@ def _with_room(placed: PlacedDrawing, template: Template, settings: PlacementSet
                 outline=outline,
                 regions=tuple(region + [0.0, shift] for region in placed.regions),
                 strokes=tuple(stroke + [0.0, shift] for stroke in placed.strokes),
+                shading=placed.shading and placed.shading.moved(shift),
                 notes=(*placed.notes, f"It was moved {shift:+.0f} mm up to leave room for the eyes."),
             )
     raise InputError(

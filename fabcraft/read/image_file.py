@@ -1,4 +1,4 @@
-"""An image file becomes an (H, W, 4) array: PNG, JPEG or WebP, upright, at most 64 Mpx, its longer side at
+"""An image file becomes an (H, W, 4) array: PNG, JPEG, WebP or SVG, upright, at most 64 Mpx, its longer side at
 most 1600 px.
 
 The size is read from the header before a single pixel is decoded, so a file that claims 40,000 x 40,000 is
@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from fabcraft.errors import InputError
+from fabcraft.read.svg_file import is_svg, read_svg
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -34,6 +35,8 @@ def read_image(path: str | Path) -> UInt8[np.ndarray, "H W 4"]:
 
     path = Path(path)
     _require_file(path)
+    if is_svg(_head(path)):
+        return read_svg(path)
     with _open(path) as image:
         _require_size(path, *image.size)
         try:
@@ -55,7 +58,7 @@ def _require_file(path: Path) -> None:
     try:
         if path.is_dir():
             raise InputError(
-                f"{path} is a folder, expected a picture", "Name a PNG, JPEG or WebP file in it."
+                f"{path} is a folder, expected a picture", "Name a PNG, JPEG, WebP or SVG file in it."
             )
         if not path.exists():
             raise InputError(f"there is no file {path}", look)
@@ -65,6 +68,14 @@ def _require_file(path: Path) -> None:
             raise InputError(f"{path} is empty (0 bytes)", "Export or copy the picture again.")
     except (OSError, ValueError) as error:
         raise InputError(f"cannot look at {path}: {error}", look) from error
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(1024)
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error}", "Check who may read it.") from error
 
 
 def _open(path: Path) -> "Image.Image":
@@ -77,7 +88,7 @@ def _open(path: Path) -> "Image.Image":
             return Image.open(path, formats=FORMATS)
     except UnidentifiedImageError as error:
         raise InputError(
-            f"{path} is not a PNG, JPEG or WebP picture, whatever its name says", SAVE_AGAIN
+            f"{path} is not a PNG, JPEG, WebP or SVG picture, whatever its name says", SAVE_AGAIN
         ) from error
     except Image.DecompressionBombError as error:
         raise InputError(f"{path} has far more pixels than the limit of 64 megapixels", SMALLER) from error

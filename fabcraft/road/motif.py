@@ -8,16 +8,15 @@ import trimesh
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import inflate
-from fabcraft.guidance.motif import place_motif
+from fabcraft.guidance.motif import place_motif, with_openings
 from fabcraft.judge import motif_likeness, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished
-from fabcraft.road.sheet import drawing_notes, fitted, how, sketch_line, stopped
+from fabcraft.road.sheet import drawn, fitted, how, stopped
 from fabcraft.solid.mount import mount
 from fabcraft.solid.slab import slab
 from fabcraft.template.motif_plate import plate
@@ -35,17 +34,17 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     Ctrl-C during the fit keeps the best so far.  Raises `InputError` for what cannot be placed, `SolidError` when no
     closed manifold comes out.
     """
-    assert given.picture is not None
     with clock.stage("template"):
         template = built(recipe.template, body, recipe.parameters, recipe.own)
-        frame = _frame(template, recipe.frame, recipe.reading)
+        frame = frame_of(template, recipe.frame, recipe.reading)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
-        drawing = understand(given.picture)
+        drawing, line, notes = drawn(recipe, given)
         width, height = np.ptp(drawing.outline, axis=0)
         aspect = None if frame.openings and frame.depth_mm else float(width / height)
         sheet, space = plate(template, frame, recipe.motif_mm or None, aspect)
         placed = place_motif(drawing, sheet, recipe.placement, space.scale)
+        drawing = with_openings(drawing, sheet)
         even = frame.depth_mm > 0.0 and not frame.follows
         relief = inflate(placed, sheet, replace(recipe.inflate, swell=0.0) if even else recipe.inflate)
     with clock.stage("fit"):
@@ -66,11 +65,11 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
         drawing=drawing,
         stages=_stages(template, space, design.stages),
         route=(
-            sketch_line(recipe, drawing),
+            *line,
             _where(template, frame, width, height),
             *how(design, units_per_mm=space.scale),
         ),
-        notes=(*drawing_notes(drawing), *((False, text) for text in template.notes)),
+        notes=(*notes, *((False, text) for text in template.notes)),
         solid_notes=solid.notes,
         findings=tuple(stopped(design)),
         metrics=motif_likeness(alone, sheet, relief, space.seen(template.mesh) if frame.depth_mm else None),
@@ -78,7 +77,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     )
 
 
-def _frame(template: Template, name: str, reading: str) -> MotifFrame:
+def frame_of(template: Template, name: str, reading: str) -> MotifFrame:
     """The frame called `name`, or the usual one, for a drawing that shows a motif or the object."""
     fitting = [frame for frame in template.motifs if not reading or frame.reading == reading]
     found = [frame for frame in fitting if frame.name == name or not name]

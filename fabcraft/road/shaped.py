@@ -27,12 +27,18 @@ CELLS_MM = {"draft": 0.6, "standard": 0.45}
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """The recipe's input files, read: one of the two."""
+    """The recipe's input, read: one of the three."""
 
     picture: np.ndarray | None = None
     """(H, W, 4) uint8."""
     goal: Mesh | None = None
     """A guidance mesh, mm."""
+    drawing: Drawing | None = None
+    """Of a text; a picture's is understood on the way."""
+    route: tuple[str, ...] = ()
+    """Where that drawing is from."""
+    notes: tuple[str, ...] = ()
+    """What was read into the words."""
 
 
 @dataclass(frozen=True, eq=False)

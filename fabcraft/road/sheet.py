@@ -8,8 +8,8 @@ from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import Relief, inflate
+from fabcraft.guidance.photograph import read_as
 from fabcraft.guidance.placement import place
 from fabcraft.guidance.target import target_relief
 from fabcraft.judge import contact_findings, likeness, seat_findings, worn
@@ -129,28 +129,31 @@ def _guidance(
             (f"guidance mesh {Path(recipe.guidance).name}",),
             [(False, text) for text in said],
         )
-    assert given.picture is not None
-    drawing = understand(given.picture)
+    drawing, line, notes = drawn(recipe, given)
     placed = place(drawing, template, recipe.placement)
     relief = inflate(placed, template, recipe.inflate)
     width, height = (placed.outline.max(0) - placed.outline.min(0)).tolist()
     route = (
-        sketch_line(recipe, drawing),
+        *line,
         f"placed by the {'drawn eyes' if placed.by_eyes else 'drawn outline'}: {width:.0f} x {height:.0f} mm",
         "inflated to a relief",
     )
-    return drawing, relief, route, drawing_notes(drawing) + [(False, text) for text in placed.notes]
+    return drawing, relief, route, notes + [(False, text) for text in placed.notes]
 
 
-def sketch_line(recipe: Recipe, drawing: Drawing) -> str:
-    """What was understood of the sketch, as a line of the route."""
-    return (
-        f"sketch {Path(recipe.sketch).name}: outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, "
-        f"{len(drawing.strokes)} strokes"
+def drawn(recipe: Recipe, given: Given) -> tuple[Drawing, tuple[str, ...], list[Note]]:
+    """(drawing, lines of the route, notes) of the recipe's sketch, picture or text."""
+    if given.drawing is not None:
+        drawing, route = given.drawing, given.route
+    else:
+        assert given.picture is not None
+        drawing = read_as(given.picture, recipe.foreground)
+        kind = "photograph" if recipe.foreground else "sketch"
+        route = (f"{kind} {Path(recipe.sketch).name}",)
+    counts = (
+        f"outline, {len(drawing.eyes)} eyes, {len(drawing.regions)} regions, {len(drawing.strokes)} strokes"
+        f"{', ' if drawing.told_apart else ''}{drawing.told_apart}"
     )
-
-
-def drawing_notes(drawing: Drawing) -> list[Note]:
-    """What the user should know of the drawing."""
     notes: list[Note] = [(True, text) for text in drawing.warnings]
-    return notes + [(False, f"Left out of the drawing: {text}.") for text in drawing.dropped]
+    notes += [(False, f"Left out of the drawing: {text}.") for text in drawing.dropped]
+    return drawing, (*route[:-1], f"{route[-1]}: {counts}"), notes + [(False, text) for text in given.notes]
