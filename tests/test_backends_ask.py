@@ -146,6 +146,9 @@ def test_a_command_out_of_a_recipe_is_not_run_unseen(alone, sketch, tmp_path):  
     ("asked", "words"),
     [
         ({"text_to_image": "openai"}, "without words"),
+        ({"text_to_image": "openai", "text": "a\0cat"}, "cannot be written"),
+        ({"text_to_image": "openai", "text": "a\udcffcat"}, "cannot be written"),
+        ({"text_to_image": "openai", "text": "cat" * 1000}, "3,000 characters"),
         ({"text_to_image": "openai", "text": "a cat", "via": "clip"}, "both --text-to-image and --via clip"),
         (
             {"text_to_image": "openai", "text": "a cat", "encoder": "tiny"},

@@ -6,6 +6,7 @@ used without a word to anybody.
 """
 
 import hashlib
+import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,10 @@ Tell = Callable[[str, int, int], None]
 DRAWN = "{}, simple black line drawing on white, bold closed outline, symmetric front view, nothing else"
 SHOWN = "{}, a single object, front view, centred, plain white background, soft even light"
 """What is asked of a picture that will be read as a drawing, and of one that will become a mesh."""
+
+
+MOST_LETTERS = 2000
+"""Of a text that is sent to a back end."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,11 @@ def require_sense(recipe: Recipe) -> None:
     """Raise `InputError` unless the recipe's back ends have something to work on."""
     if recipe.text_to_image and not recipe.text:
         raise InputError("--text-to-image was given without words", 'Give --text "WORDS" as well.')
+    if recipe.text_to_image and (len(recipe.text) > MOST_LETTERS or not _is_plain(recipe.text)):
+        raise InputError(
+            f"the text has {len(recipe.text):,} characters, or some that cannot be written",
+            f"Give at most {MOST_LETTERS:,} letters in a line.",
+        )
     if recipe.text_to_image and (recipe.encoder or recipe.via not in ("", "picture")):
         other = f"--via {recipe.via}" if recipe.via else f"the encoder {recipe.encoder}"
         raise InputError(f"both --text-to-image and {other} were given", "Leave one of them out.")
@@ -93,6 +103,11 @@ def require_sense(recipe: Recipe) -> None:
             f"both a back end and the guidance mesh {Path(recipe.guidance).name} were given",
             "Leave one of them out.",
         )
+
+
+def _is_plain(text: str) -> bool:
+    """Without control characters and halves of characters, which no service takes."""
+    return not any(unicodedata.category(letter) in ("Cc", "Cs") for letter in text.strip())
 
 
 def _called(

@@ -81,7 +81,7 @@ class _Command:
                 code, printed = run_program(
                     words, request.timeout_s, heard_bytes=_HEARD_BYTES, watch=lambda: self._made(made)
                 )
-            except OSError as error:
+            except (OSError, ValueError) as error:  # ValueError: a NUL character in the words
                 raise MissingError(f"{name} could not be started: {error}", "Check the command.") from None
             except subprocess.TimeoutExpired:
                 raise MissingError(

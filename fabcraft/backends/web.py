@@ -327,7 +327,7 @@ def _asked_wait(retry_after: str | None, otherwise_s: float) -> float:
     except ValueError:
         try:
             seconds = email.utils.parsedate_to_datetime(retry_after).timestamp() - time.time()
-        except ValueError:
+        except (ValueError, OverflowError, OSError):
             return otherwise_s
     return min(max(seconds, 0.0), LONGEST_WAIT_S) if seconds == seconds else otherwise_s
 
