@@ -126,3 +126,33 @@ def test_what_leaves_this_machine_needs_a_yes():
     terms = Gradio("https://me-hunyuan3d-2.hf.space").terms(Request())
     assert terms.ask == "always" and any("excludes" in one for one in terms.said)
     assert any("me-hunyuan3d-2.hf.space" in one for one in terms.said)
+
+
+def test_a_real_gradio_app_is_spoken_to(tmp_path, monkeypatch):
+    """With Gradio installed (it is in no extra: only its apps need it)."""
+    monkeypatch.setenv("GRADIO_ANALYTICS_ENABLED", "False")
+    gr = pytest.importorskip("gradio", reason="gradio is not installed")
+    seen: list[tuple] = []
+
+    def generate(image, size, seed, randomize_seed):
+        seen.append((image.size, size, seed, randomize_seed))
+        (tmp_path / "out.glb").write_bytes(glb())
+        return str(tmp_path / "out.glb"), seed
+
+    def failing(image):
+        raise gr.Error("no face found")
+
+    with gr.Blocks() as app:
+        image, size = gr.Image(type="pil"), gr.Slider(32, 320, value=256)
+        seed, chance = gr.Number(0, label="Seed"), gr.Checkbox(True, label="Randomize seed")
+        model = gr.Model3D()
+        gr.Button().click(generate, [image, size, seed, chance], [model, gr.Number()], api_name="generate")
+        gr.Button().click(failing, [image], [gr.JSON()], api_name="failing")
+    try:
+        _, url, _ = app.launch(prevent_thread_lock=True, quiet=True, allowed_paths=[str(tmp_path)])
+        assert made(url).data == glb()
+        assert seen == [((96, 96), 256, 7, False)]
+        with pytest.raises(MissingError, match="no face found"):
+            made(f"{url}#/failing")
+    finally:
+        app.close()
