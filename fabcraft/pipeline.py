@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fabcraft.backends.ask import Consent, answered, refuse
 from fabcraft.body.body import Body
 from fabcraft.body.contacts import read_contacts, with_contacts
 from fabcraft.check.inspect import Inspection, inspect_mesh
@@ -57,22 +58,30 @@ class Made:
     """The fit was stopped early; the best so far was used."""
 
 
-def make(recipe: Recipe, tell: Tell | None = None) -> Made:
+def make(recipe: Recipe, tell: Tell | None = None, consent: Consent = refuse) -> Made:
     """Run the recipe, without writing anything.
 
+    consent : asked before a back end that costs, sends something away or runs a recipe's command is called.
     Ctrl-C during the fit keeps the best so far and goes on; see `Made.interrupted`.
     Raises `InputError` for what cannot be read or placed, `SolidError` when no closed manifold comes out.
     """
     _require_one_input(recipe)
-    clock = Clock({}, tell)
+    clock, asked = Clock({}, tell), recipe
+    route: tuple[str, ...] = ()
+    outside = recipe.mesh_wanted or bool(recipe.text_to_image)
     with clock.stage("read"):
         profile = load_profile(recipe.printer)
         contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
-        inputs = _given(recipe)
+        inputs = Given() if outside else _given(recipe)
     with clock.stage("body"):
         body = body_of(recipe)
         require_wearable(body, recipe.own.like or recipe.template)
         body = with_contacts(body, contacts)
+    if outside:  # what may cost is asked for when all else is known to be right
+        with clock.stage("ask"):
+            answers = answered(recipe, consent, tell)
+            recipe, route = answers.recipe, answers.route
+            inputs = _given(recipe)
     shaped = _road(recipe, inputs)(recipe, inputs, body, profile, clock)
     with clock.stage("check"):
         apart = moved_together(shaped.object) if shaped.template.pair else shaped.object
@@ -89,7 +98,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
     report = replace(
         found,
         findings=(*found.findings, *shaped.findings, *placed.findings, *_said(shaped, body)),
-        route=(*_person(body), *shaped.route, *placed.route),
+        route=(*_person(body), *route, *shaped.route, *placed.route),
         metrics={**found.metrics, **shaped.metrics, **placed.numbers, **_measured(body)},
         seconds=clock.seconds,
     )
@@ -98,7 +107,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         on_bed=placed.whole,
         pieces=placed.pieces,
         report=report,
-        recipe=recipe,
+        recipe=asked,
         body=body,
         template=shaped.template,
         stages=shaped.stages,
@@ -157,12 +166,14 @@ def _road(recipe: Recipe, given: Given) -> Callable[[Recipe, Given, Body, Printe
 
 
 def _require_one_input(recipe: Recipe) -> None:
-    """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given."""
+    """Raise `InputError` unless exactly one of sketch, guidance mesh and text is given (a picture has text and sketch)."""
     if recipe.via and not recipe.text:
         raise InputError(
             f"via is {recipe.via}, but there is no text", "Give --text WORDS, or leave --via out."
         )
     given = [name for name in ("sketch", "guidance", "text") if getattr(recipe, name)]
+    if recipe.text_to_image and given == ["sketch", "text"]:
+        return
     if len(given) != 1:
         both = "both " if len(given) == 2 else ""
         what = both + " and ".join(given) if given else "neither a sketch, a guidance mesh nor a text"

@@ -7,6 +7,7 @@ Unknown keys are refused, so a misspelt one is never silently ignored.
 import difflib
 import math
 import re
+import shlex
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
@@ -24,6 +25,7 @@ from fabcraft.template.mask import WALL_MM
 from fabcraft.template.own import OwnSettings
 
 _FILES = ("template", "sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
+_FILE = "file:"
 _OWN_FILES = ("transform", "landmarks", "locked")
 """Keys that may name files, of a recipe and of its table `own`."""
 
@@ -56,6 +58,10 @@ class Recipe:
     subjects`); the best that there is when left out."""
     encoder: str = ""
     """The encoder: a name from `fabcraft weights`, or a checkpoint with its config beside it."""
+    image_to_3d: str = ""
+    """What makes a mesh of the sketch, or of the picture of the text: NAME or NAME:ARGUMENT from `fabcraft backends`."""
+    text_to_image: str = ""
+    """What makes a picture of the text, over the sketch if there is one: NAME or NAME:ARGUMENT from `fabcraft backends`."""
     body: str = "man"
     """Who wears it: man, woman, teenager, child, toddler, a character (`fabcraft bodies`), or a scan (STL, OBJ, PLY,
     GLB, 3MF)."""
@@ -98,6 +104,16 @@ class Recipe:
     placement: PlacementSettings = field(default_factory=PlacementSettings)
     inflate: InflateSettings = field(default_factory=InflateSettings)
     plate: PlateSettings = field(default_factory=PlateSettings)
+
+    @property
+    def mesh_wanted(self) -> bool:
+        """Whether a back end makes a mesh of the picture; otherwise the picture is read as a drawing."""
+        return self.image_to_3d not in ("", "inflate")
+
+    @property
+    def mesh_file(self) -> str:
+        """The file of the back end `file:MESH`, or nothing."""
+        return self.image_to_3d.removeprefix(_FILE) if self.image_to_3d.startswith(_FILE) else ""
 
     def __post_init__(self) -> None:
         if isinstance(self.output, str):
@@ -157,7 +173,35 @@ def read_recipe(path: Path | str) -> Recipe:
 def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -> dict[str, Any]:
     """The files named in `table` that lie in `folder`, by key."""
     said = {name: folder / getattr(table, name) for name in names if getattr(table, name)}
-    return {name: str(path) for name, path in said.items() if path.is_file()}
+    found = {name: str(path) for name, path in said.items() if path.is_file()}
+    if (
+        isinstance(table, Recipe)
+        and table.image_to_3d.startswith(_FILE)
+        and (folder / table.mesh_file).is_file()
+    ):
+        found["image_to_3d"] = f"{_FILE}{folder / table.mesh_file}"
+    return found
+
+
+def _travelling(asked: str) -> str:
+    """A back end as it is written down: the files that its argument names without their folders."""
+    name, colon, argument = asked.partition(":")
+    if name == "diffusers":
+        argument = "#".join(_bare(one) if Path(one).is_absolute() else one for one in argument.split("#"))
+    elif name == "file":
+        argument = _bare(argument)
+    elif name == "command":
+        try:
+            argument = shlex.join(map(_bare, shlex.split(argument)))
+        except ValueError:
+            argument = ""
+    return f"{name}{colon}{argument}"
+
+
+def _bare(word: str) -> str:
+    """A path, or that after an =, without its folders; an address as it is."""
+    before, equals, path = word.rpartition("=")
+    return word if "://" in word else f"{before}{equals}{Path(path).name}"
 
 
 def recipe_of(table: Mapping[str, Any], source: str = "the recipe") -> Recipe:
@@ -230,6 +274,8 @@ def recipe_toml(recipe: Recipe) -> str:
         elif value != entry.default or entry.name in ("template", "body", "printer", "preset", "seed"):
             if entry.name in _FILES:
                 value = Path(value).name  # a recipe that travels must not tell where a user keeps their files
+            if entry.name in ("image_to_3d", "text_to_image"):
+                value = _travelling(value)
             if entry.name == "output":
                 value = tuple(Path(one).name for one in value)
             lines.append(f"{entry.name} = {text(value)}")

@@ -272,8 +272,8 @@ def test_importing_the_module_imports_neither_open_clip_nor_the_hub():
 def test_the_operators_of_torchvision_are_declared_once_and_only_when_they_are_missing():
     open_clip()
     open_clip()
-    assert clip._import_torchvision.cache_info().misses == 1
-    declared = clip._import_torchvision()
+    assert clip.import_torchvision.cache_info().misses == 1
+    declared = clip.import_torchvision()
     import torchvision
 
     assert (declared is None) == torchvision.extension._has_ops()

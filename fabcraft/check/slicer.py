@@ -9,10 +9,8 @@ has no volume.
 """
 
 import contextlib
-import os
 import re
 import shutil
-import signal
 import subprocess
 import tempfile
 import time
@@ -30,11 +28,11 @@ from fabcraft.check.slicer_settings import INFILL_PERCENT, slicer_ini
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
+from fabcraft.program import filled, run_program
 
 PROGRAM = "prusa-slicer"
 TIMEOUT_S = 300.0
 _MOST_BYTES = 500_000_000
-_HEARD_BYTES = 200_000
 
 
 @dataclass(frozen=True)
@@ -93,14 +91,14 @@ def ask_slicer(
         made = folder / ("part.sl1" if profile.process == "sla" and not words else "part.gcode")
         if words:
             places = {"{input}": str(part), "{output}": str(made), "{folder}": temporary}
-            command = [path, *(_filled(word, places) for word in words[1:])]
+            command = [path, *(filled(word, places) for word in words[1:])]
         else:
             ini = folder / "printer.ini"
             ini.write_text(slicer_ini(profile, supports, infill_percent), encoding="utf-8")
             action = "--export-sla" if profile.process == "sla" else "--export-gcode"
             command = [path, action, "--load", str(ini), "--loglevel", "2", "--output", str(made), str(part)]
         try:
-            code, said = _run(command, folder, timeout_s)
+            code, said = run_program(command, timeout_s, folder=folder)
         except subprocess.TimeoutExpired:
             return SlicerAnswer(name, error=f"{name} gave no answer within {timeout_s:g} s")
         except OSError as error:
@@ -221,38 +219,6 @@ def _measured(made: Path, mesh: Mesh, profile: PrinterProfile, answer: SlicerAns
     if weight is not None:
         answer = replace(answer, material_g=weight * answer.material_mm3 / 1000)
     return answer
-
-
-def _run(command: list[str], folder: Path, timeout_s: float) -> tuple[int, str]:
-    """Exit code and the last it said.  Raises `OSError`, `subprocess.TimeoutExpired`."""
-    heard = folder / "said.txt"
-    with heard.open("wb") as out:
-        process = subprocess.Popen(
-            command,
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code = process.wait(timeout_s)
-        finally:  # the time is over, or Ctrl-C
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                if hasattr(os, "killpg"):
-                    os.killpg(process.pid, signal.SIGKILL)
-                else:
-                    process.kill()
-            process.wait()
-    with heard.open("rb") as said:
-        said.seek(max(0, heard.stat().st_size - _HEARD_BYTES))
-        return code, said.read().decode("utf-8", errors="replace")
-
-
-def _filled(word: str, places: dict[str, str]) -> str:
-    for name, path in places.items():
-        word = word.replace(name, path)
-    return word
 
 
 def _product(folder: Path, made: Path) -> Path | None:

@@ -1,4 +1,5 @@
-"""The command line: `fabcraft make | check | solid | guidance | subjects | printers | bodies | templates | weights`.
+"""The command line: `fabcraft make | check | solid | guidance | subjects | printers | bodies | templates | weights |
+backends`.
 
 Results go to stdout, progress and errors to stderr; `--json` prints the report alone. Exit codes:
 0 printable, 1 made but the report has a failure, 2 usage or unreadable input, 3 something needed is absent,
@@ -14,6 +15,7 @@ from collections.abc import Callable, Sequence
 from cyclopts import App, CycloptsError
 
 from fabcraft import __version__
+from fabcraft.cli.backends import backends
 from fabcraft.cli.catalogue import PLAIN, bodies
 from fabcraft.cli.check import check
 from fabcraft.cli.console import drop_stdout, say
@@ -53,7 +55,7 @@ app = App(
 _COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance, subjects)
 for position, function in enumerate(_COMMANDS):
     app.command(function, sort_key=position, help_epilogue="")
-for group in (bodies, printers, templates, weights):
+for group in (bodies, printers, templates, weights, backends):
     app.command(group)
 
 

@@ -8,7 +8,7 @@ import errno
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -16,6 +16,7 @@ from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
 
 STAGES = {
+    "ask": "Asking the back end",
     "read": "Reading",
     "body": "Preparing the body",
     "template": "Building the template",
@@ -75,7 +76,7 @@ def drop_stdout() -> None:
 def painted(text: str, colour: str) -> str:
     """`text` in a colour of the terminal, or as it is where there is none."""
     plain = bool(os.environ.get("NO_COLOR")) or os.environ.get("TERM") == "dumb"
-    return text if plain or not _is_terminal(sys.stdout) else f"\033[{_COLOURS[colour]}m{text}\033[0m"
+    return text if plain or not is_terminal(sys.stdout) else f"\033[{_COLOURS[colour]}m{text}\033[0m"
 
 
 def show_report(report: PrintReport, on: str = "") -> None:
@@ -117,7 +118,7 @@ def table(rows: Sequence[tuple[str, ...]]) -> str:
     )
 
 
-def _is_terminal(stream: Any) -> bool:
+def is_terminal(stream: Any) -> bool:
     try:
         return stream is not None and stream.isatty()
     except ValueError:  # closed
@@ -132,7 +133,7 @@ class Progress:
         self._bars: Any = None
 
     def __enter__(self) -> "Progress":
-        if not self._quiet and _is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb":
+        if not self._quiet and is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb":
             from rich.console import Console
             from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
             from rich.progress import Progress as Bars
@@ -149,6 +150,17 @@ class Progress:
             if error is None:
                 self._finish()
             self._bars.stop()
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """The bars put aside, for a question."""
+        if self._bars is not None:
+            self._bars.stop()
+        try:
+            yield
+        finally:
+            if self._bars is not None:
+                self._bars.start()
 
     def tell(self, stage: str, step: int, steps: int) -> None:
         """A `fabcraft.pipeline.Tell`: stage (`fit: relief` is a part of `fit`), step, number of steps."""

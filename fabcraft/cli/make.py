@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from fabcraft.cli.backends import consent
 from fabcraft.cli.console import Progress, result, say, show_report
 from fabcraft.cli.own import NOTHING, OwnFlags
 from fabcraft.cli.plate import AS_IT_IS, PlateFlags
@@ -37,6 +38,11 @@ class Flags:
     [default: the best that there is]"""
     encoder: str | None = None
     """The encoder of --text: a name from fabcraft weights, or a checkpoint with its config beside it."""
+    image_to_3d: str | None = None
+    """What makes a mesh of the sketch, to look like that: NAME or NAME:ARGUMENT from fabcraft backends. [default: inflate,
+    the drawing becomes a relief]"""
+    text_to_image: str | None = None
+    """What makes a picture of --text, over the sketch if there is one: NAME or NAME:ARGUMENT from fabcraft backends."""
     set: Annotated[tuple[str, ...], Parameter(show_default=False, negative=())] = ()
     """A parameter of the template as name=value, again for more: width=6, size="US 7" (see fabcraft templates show)."""
     reading: Annotated[Literal["object", "motif"] | None, Parameter(name="--as")] = None
@@ -135,6 +141,7 @@ def make(
     own: OwnFlags = NOTHING,
     slicing: SliceFlags = UNSLICED,
     plate: PlateFlags = AS_IT_IS,
+    yes: bool = False,
     json: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -147,6 +154,7 @@ def make(
       fabcraft make mask --sketch cat.png --body woman --measure head=hat57 -o cat.3mf
       fabcraft make mask --text "a mask that looks like a cat" -o cat.3mf
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
+      fabcraft make mask --sketch cat.png --image-to-3d gradio:http://127.0.0.1:7860 -o cat.3mf
       fabcraft make my-visor.stl --like visor --sketch star.png -o star.3mf
       fabcraft make cat.toml --wall 3
 
@@ -157,6 +165,8 @@ def make(
     what
         A template (see fabcraft templates), the mesh file of your own one, or a recipe file (.toml) whose settings any
         flag overrides.
+    yes
+        Agree to what a back end costs, sends away or binds to, without being asked.
     json
         Print the report as JSON, and nothing else, on stdout.
     quiet
@@ -176,7 +186,8 @@ def make(
     from fabcraft import pipeline
 
     with Progress(quiet) as progress:
-        made = pipeline.make(recipe, progress.tell)
+        typed = frozenset(key for key in ("image_to_3d", "text_to_image") if getattr(flags, key) is not None)
+        made = pipeline.make(recipe, progress.tell, consent(yes, typed, progress.paused))
         if slicing.slice:
             progress.tell("slice", 0, 1)
         made = replace(made, report=slicing.told(made.report, made.on_bed, made.profile))
@@ -207,9 +218,10 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
     from fabcraft.recipe import Recipe, read_recipe
 
     recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
-    if (
-        sum(name in given for name in ("sketch", "guidance", "text")) == 1
-    ):  # it takes the place of the file's own
+    inputs = [name for name in ("sketch", "guidance", "text") if name in given]
+    if inputs == ["guidance"]:  # it takes the place of the file's own, and of what would have made one
+        given = {"sketch": "", "text": "", "via": "", "image_to_3d": "", "text_to_image": "", **given}
+    elif len(inputs) == 1 and not given.get("text_to_image", recipe.text_to_image):
         given = {
             "sketch": "",
             "guidance": "",

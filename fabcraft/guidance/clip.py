@@ -240,15 +240,15 @@ def weights_of(name: str) -> Weights:
 
 def open_clip() -> ModuleType:
     """The open_clip package, imported where it is needed first: that takes seconds."""
-    _import_torchvision()
+    import_torchvision()
     import open_clip as library
 
     return library
 
 
 @functools.cache
-def _import_torchvision() -> torch.library.Library | None:
-    """Import torchvision, which open_clip needs for its transforms, also where its compiled operators do not load.
+def import_torchvision() -> torch.library.Library | None:
+    """Import torchvision, which open_clip and diffusers need, also where its compiled operators do not load.
 
     Torchvision 0.28 describes `nms` and `qnms` to torch without asking whether they exist; where its binary does not
     fit torch's (one is built for a graphics card, the other is not), that ends the import. Declaring the two lets it go

@@ -24,6 +24,8 @@ def text_road(recipe: Recipe) -> tuple[str, str]:
         )
     if recipe.via:
         return recipe.via, "as asked"
+    if recipe.text_to_image:
+        return "picture", "a text-to-image back end was named"
     if recipe.encoder:
         return "clip", "an encoder was named"
     if recipe.reading or recipe.frame or recipe.motif_mm:
@@ -49,8 +51,8 @@ def text_drawing(recipe: Recipe) -> tuple[Drawing, tuple[str, ...], tuple[str, .
     via, why = text_road(recipe)
     if via == "picture":
         raise MissingError(
-            "there is no text-to-image back end here",
-            "Take the library of drawings: --via subjects, or an encoder: fabcraft weights fetch, then --via clip.",
+            "no text-to-image back end was named",
+            "Name one (fabcraft backends): --text-to-image NAME; or take the library of drawings: --via subjects.",
         )
     from fabcraft.guidance.subjects.compose import composed
     from fabcraft.guidance.subjects.library import subjects
