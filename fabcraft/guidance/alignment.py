@@ -11,7 +11,8 @@ from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
 from fabcraft.errors import InputError
-from fabcraft.geometry.align import Similarity, axis_rotations, similarity_icp
+from fabcraft.geometry.align import Similarity, axis_rotations, settled_on, similarity_icp
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.sampling import area_samples
 from fabcraft.mesh import Mesh
 
@@ -22,6 +23,9 @@ _REFINED = 6
 """So many of the turns are refined to the end: coarse points rank them roughly."""
 _KEPT = 0.9
 """Share of the pairs that ICP goes by: horns are few points, and say more about the turn than the ball they stand on."""
+
+_SLID = 0.75
+"""Share of the points that the last millimetres go by: there, horns and lumps only pull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,10 @@ def aligned(
         for start in ranked[:_REFINED]
     ]
     found = min(refined, key=lambda one: _miss(one.points(fine), target))
+    # points on both sides are a degree apart by chance; the surface itself is not
+    slid = settled_on(SurfaceDistance(onto), fine, found, scaled, _SLID)
+    if not scaled or scales[0] <= slid.scale <= scales[1]:
+        found = slid
     residual = _miss(found.points(fine), target) / size
     if residual > WORST and not force:
         raise InputError(
