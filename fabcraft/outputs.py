@@ -79,7 +79,16 @@ def outputs_of(recipe: Recipe) -> list[str]:
 def inputs_of(recipe: Recipe, source: str = "") -> list[str]:
     """What may be a file that the recipe reads.  source : the recipe's own file."""
     own = (recipe.template, recipe.own.transform, recipe.own.landmarks, recipe.own.locked)
-    return [*own, recipe.sketch, recipe.guidance, recipe.body, recipe.contacts, recipe.printer, source]
+    return [
+        *own,
+        recipe.sketch,
+        recipe.guidance,
+        recipe.guidance_transform,
+        recipe.body,
+        recipe.contacts,
+        recipe.printer,
+        source,
+    ]
 
 
 def write_all(made: "Made", tell: Callable[[str, int, int], None] | None = None) -> tuple[str, ...]:

@@ -23,7 +23,16 @@ from fabcraft.template.kinds import is_own, known
 from fabcraft.template.mask import WALL_MM
 from fabcraft.template.own import OwnSettings
 
-_FILES = ("template", "sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
+_FILES = (
+    "template",
+    "sketch",
+    "guidance",
+    "guidance_transform",
+    "body",
+    "body_landmarks",
+    "contacts",
+    "printer",
+)
 _OWN_FILES = ("transform", "landmarks", "locked")
 """Keys that may name files, of a recipe and of its table `own`."""
 
@@ -49,6 +58,11 @@ class Recipe:
     out."""
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    guidance_transform: str = ""
+    """File of the 4 x 4 matrix that brings the mesh to the body's space, mm, as transform in .toml or .json; found when left
+    out."""
+    force: bool = False
+    """Take a guidance mesh that resembles the template too little."""
     text: str = ""
     """What it should look like in words, instead of a sketch; read by a picture-and-text encoder (`fabcraft weights`)."""
     encoder: str = ""
@@ -106,6 +120,11 @@ class Recipe:
                     f"{said[0]} was given for the {self.template}, which is a built-in template",
                     "It is for a mesh file of your own: fabcraft make FILE.stl ...",
                 )
+        if (self.guidance_transform or self.force) and not self.guidance:
+            said = "a guidance transform" if self.guidance_transform else "force"
+            raise InputError(
+                f"{said} was given without a guidance mesh", "Give --guidance MESH, or leave it out."
+            )
         if self.preset not in (presets := ("draft", "standard")):
             raise InputError(f"preset '{self.preset}' was asked", f"Choose one of: {', '.join(presets)}.")
         if self.wall_mm and not WALL_MM[0] <= self.wall_mm <= WALL_MM[1]:

@@ -30,6 +30,11 @@ class Flags:
     """The picture is a photograph or an illustration: how its object is told from the background. [default: a drawing]"""
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    guidance_transform: str | None = None
+    """Where that mesh lies: its 4 x 4 matrix to the body's space, mm, as transform in a .toml or .json file.
+    [default: found]"""
+    force: Annotated[bool | None, Parameter(negative="", show_default=False)] = None
+    """Take the mesh although it resembles the template too little. [default: no]"""
     text: str | None = None
     """What it should look like in words, instead of a sketch; needs the weights of an encoder (fabcraft weights)."""
     encoder: str | None = None
@@ -206,7 +211,7 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
     if (
         sum(name in given for name in ("sketch", "guidance", "text")) == 1
     ):  # it takes the place of the file's own
-        given = {"sketch": "", "guidance": "", "text": "", **given}
+        given = {"sketch": "", "guidance": "", "text": "", "guidance_transform": "", "force": False, **given}
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {"own": own.given(), "plate": plate.given()}

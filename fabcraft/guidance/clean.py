@@ -52,7 +52,9 @@ def cleaned(mesh: Mesh, single: bool = False) -> Cleaned:
     mesh, apart = _together(mesh, single)
     plate = _plate(mesh)
     if plate.any():
-        notes.append(f"A flat plate was left out ({100.0 * mesh.face_areas[plate].sum() / area:.0f} % of the area).")
+        notes.append(
+            f"A flat plate was left out ({100.0 * mesh.face_areas[plate].sum() / area:.0f} % of the area)."
+        )
         mesh, more = _together(mesh.submesh(~plate), single)  # what stood on it
         apart = (apart[0] + more[0], apart[1] + more[1])
     if apart[0]:
@@ -124,7 +126,9 @@ def _together(mesh: Mesh, single: bool) -> tuple[Mesh, tuple[int, float]]:
     middle = np.median(points, axis=0)
 
     def cells(points: Float64[np.ndarray, "N 3"]) -> Int[np.ndarray, "N 3"]:
-        return np.clip(np.floor((points - middle) / cell), -2 * _CELLS, 2 * _CELLS).astype(np.int64) + 2 * _CELLS
+        return (
+            np.clip(np.floor((points - middle) / cell), -2 * _CELLS, 2 * _CELLS).astype(np.int64) + 2 * _CELLS
+        )
 
     grid = np.zeros((4 * _CELLS + 1,) * 3, dtype=bool)
     grid[tuple(cells(points).T)] = True

@@ -11,6 +11,7 @@ from fabcraft.guidance.drawing import Drawing
 from fabcraft.guidance.inflate import Relief, inflate
 from fabcraft.guidance.photograph import read_as
 from fabcraft.guidance.placement import place
+from fabcraft.guidance.alignment import placed_by
 from fabcraft.guidance.target import target_relief
 from fabcraft.judge import contact_findings, likeness, seat_findings, worn
 from fabcraft.mesh import Mesh
@@ -122,13 +123,11 @@ def _guidance(
 ) -> tuple[Drawing | None, Relief, tuple[str, ...], list[Note]]:
     """(drawing, relief, route, notes)."""
     if given.goal is not None:
-        relief, said = target_relief(given.goal, template, recipe.placement)
-        return (
-            None,
-            relief,
-            (f"guidance mesh {Path(recipe.guidance).name}",),
-            [(False, text) for text in said],
+        made = target_relief(
+            given.goal, template, recipe.placement, placed_by(recipe.guidance_transform), recipe.force
         )
+        route = (f"guidance mesh {Path(recipe.guidance).name}",)
+        return None, made.relief, route, [(False, text) for text in made.notes]
     assert given.picture is not None
     drawing = read_as(given.picture, recipe.foreground)
     placed = place(drawing, template, recipe.placement)
