@@ -3,9 +3,9 @@
 files, drawing → guidance → fit → solid → check → write. Every stage can also be called alone; see the README.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def make(recipe: Recipe, tell: Tell | None = None) -> Made:
         contacts = read_contacts(recipe.contacts) if recipe.contacts else ()
         inputs = Given(
             read_image(recipe.sketch) if recipe.sketch else None,
-            read_mesh(Path(recipe.guidance)) if recipe.guidance else None,
+            read_mesh(recipe.guidance, largest_mm=math.inf) if recipe.guidance else None,
         )
     with clock.stage("body"):
         body = body_of(recipe)

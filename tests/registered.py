@@ -1,4 +1,4 @@
-"""Guidance meshes as image-to-3D models and people give them: any axes and scale, with clutter; and how far they come back."""
+"""Guidance meshes as image-to-3D models give them: any axes and scale, with clutter; and how they come back."""
 
 import numpy as np
 import trimesh

@@ -150,14 +150,15 @@ def make(
       fabcraft make mask --guidance bust.stl --printer form4 -o bust.3mf
       fabcraft make my-visor.stl --like visor --sketch star.png -o star.3mf
       fabcraft make cat.toml --wall 3
+      fabcraft make cat.3mf --body child -o small.3mf
 
     Ctrl-C while it fits keeps the best so far and writes that.
 
     Parameters
     ----------
     what
-        A template (see fabcraft templates), the mesh file of your own one, or a recipe file (.toml) whose settings any
-        flag overrides.
+        A template (see fabcraft templates), the mesh file of your own one, or a recipe whose settings any flag overrides: a
+        .toml file, or a 3MF that fabcraft made, which carries one.
     json
         Print the report as JSON, and nothing else, on stdout.
     quiet
@@ -167,12 +168,13 @@ def make(
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
     from fabcraft.outputs import inputs_of, outputs_of, require_outputs, write_all
+    from fabcraft.recipe import is_recipe
 
-    require_outputs(recipe, what if _is_recipe(what) else "")
+    require_outputs(recipe, what if is_recipe(what) else "")
     if slicing != UNSLICED:
         from fabcraft.profile import load_profile
 
-        source = what if _is_recipe(what) else ""
+        source = what if is_recipe(what) else ""
         slicing.require(load_profile(recipe.printer), outputs_of(recipe), inputs_of(recipe, source))
     from fabcraft import pipeline
 
@@ -196,7 +198,10 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
 
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
     """
-    if not (_is_recipe(what) or is_own(what)):
+    from fabcraft.recipe import Recipe, is_recipe, read_recipe
+
+    repeats = is_recipe(what) and not (own.given() and Path(what).suffix.lower() == ".3mf")
+    if not (repeats or is_own(what)):
         known(what)
     given = {key: value for key, value in asdict(flags).items() if value is not None and value != ()}
     for key, value in given.items():
@@ -205,9 +210,8 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
                 f"--{key.replace('_', '-')} {value} is not a finite number", "Give a number such as 1.5."
             )
     from fabcraft.body.sizes import parse
-    from fabcraft.recipe import Recipe, read_recipe
 
-    recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
+    recipe = read_recipe(what) if repeats else Recipe(template=what)
     if (
         sum(name in given for name in ("sketch", "guidance", "text")) == 1
     ):  # it takes the place of the file's own
@@ -239,7 +243,3 @@ def setting(text: str) -> tuple[str, float | str]:
     if not math.isfinite(number):
         raise InputError(f"--set {text} is not a finite number", "Give a number such as 6.")
     return name.strip(), number
-
-
-def _is_recipe(what: str) -> bool:
-    return Path(what).suffix.lower() == ".toml"

@@ -71,7 +71,7 @@ def placed_by(path: str) -> Similarity | None:
 
 
 def laid_on(goal: Mesh, onto: Mesh, placed: Similarity) -> Aligned:
-    """`goal` where its user says that it lies, whether it resembles `onto` or not.  Raises `InputError` without a surface."""
+    """`goal` where its user says that it lies, like `onto` or not.  Raises `InputError` for one without a surface."""
     _require_surface(goal, "guidance mesh")
     points, target = placed.points(_spread(goal, _FINE)[0]), _spread(onto, _FINE)[0]
     residual = _miss(points, target) / float(onto.size_mm.max())

@@ -1,4 +1,4 @@
-"""A guidance mesh freed of what is not the object: doubled faces, a floor plate, pieces that stand apart, needless triangles.
+"""A guidance mesh freed of what is not the object: doubled faces, a floor plate, pieces apart, needless triangles.
 
 An image-to-3D model hands over a surface that is open, in thousands of pieces, on a plate and with crumbs around it.  It
 need not become a solid: it is only looked at and measured.  What belongs together is told by nearness rather than by
@@ -64,7 +64,7 @@ def cleaned(mesh: Mesh, single: bool = False) -> Cleaned:
             f"left out ({100.0 * apart[1] / area:.1f} % of the area)."
         )
     if len(mesh.faces) > MOST_FACES:
-        mesh = _simplified(mesh)
+        mesh = simplified(mesh, MOST_FACES)
         notes.append(f"It was simplified from {count:,} to {len(mesh.faces):,} faces.")
     return Cleaned(mesh, tuple(notes))
 
@@ -126,11 +126,9 @@ def _together(mesh: Mesh, single: bool) -> tuple[Mesh, tuple[int, float]]:
     middle = np.median(points, axis=0)
 
     def cells(points: Float64[np.ndarray, "N 3"]) -> Int[np.ndarray, "N 3"]:
-        return (
-            np.clip(np.floor((points - middle) / cell), -2 * _CELLS, 2 * _CELLS).astype(np.int64) + 2 * _CELLS
-        )
+        return np.clip(np.floor((points - middle) / cell), -_CELLS, _CELLS).astype(np.int64) + _CELLS
 
-    grid = np.zeros((4 * _CELLS + 1,) * 3, dtype=bool)
+    grid = np.zeros((2 * _CELLS + 1,) * 3, dtype=bool)
     grid[tuple(cells(points).T)] = True
     grid[tuple(cells(mesh.vertices).T)] = True
     grid[tuple(cells(mesh.corners.mean(1)).T)] = True
@@ -144,10 +142,13 @@ def _together(mesh: Mesh, single: bool) -> tuple[Mesh, tuple[int, float]]:
     return mesh.submesh(kept[groups]), (int((areas[~kept] > 0.0).sum()), float(areas[~kept].sum()))
 
 
-def _simplified(mesh: Mesh) -> Mesh:
+def simplified(mesh: Mesh, at_most: int) -> Mesh:
+    """A coarser mesh of about `at_most` faces, or the mesh itself; not sound, only to be looked at."""
+    if len(mesh.faces) <= at_most:
+        return mesh
     import fast_simplification
 
     vertices, faces = fast_simplification.simplify(
-        np.array(mesh.vertices), np.array(mesh.faces), target_count=MOST_FACES
+        np.array(mesh.vertices), np.array(mesh.faces), target_count=at_most
     )
     return Mesh(vertices.astype(np.float64), faces.astype(np.int32), mesh.name)

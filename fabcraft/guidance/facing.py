@@ -26,6 +26,7 @@ from fabcraft.geometry.heights import front_heights
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.raster import rasterize, silhouette_mask
 from fabcraft.guidance.alignment import aligned
+from fabcraft.guidance.clean import simplified
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
@@ -43,6 +44,7 @@ _DOUBTFUL = (
     "It is a whole head without eye holes, which looks like a mask from many sides: its front and up are those that its "
     "file's axes suggest. If that is wrong, say where it lies (--guidance-transform)."
 )
+_SEARCH_FACES = 12_000
 _MOST_HOLES = 12
 _HOLE_MM2 = 30.0
 
@@ -88,7 +90,7 @@ def faced(mesh: Mesh, template: Template, force: bool = False) -> Facing:
     deep = bool(mesh.size_mm.min() > _DEEP * mesh.size_mm.max())
     if deep and (own := _on_head(file, template)) is not None:
         return own
-    rotation, visible, eyed = _best_axes(mesh, template, deep)
+    rotation, visible, eyed = _best_axes(simplified(mesh, _SEARCH_FACES), template, deep)
     pose = _brought(*visible, template, 40, 1200)
     residual = pose.rms / _longest(template.mesh)
     if not residual <= WORST_RESIDUAL and not force:
@@ -302,7 +304,7 @@ def _brought(
 
 def _score(pose: Similarity, points: np.ndarray, shown: Mesh, template: Template) -> tuple[float, bool]:
     """How badly a candidate suits: what the ICP left, more where it turned far, since another candidate starts nearer;
-    how unlike its mirror image it is; and with eyes, how far it stands from the template's surface.  And whether it has eyes.
+    how unlike its mirror image it is; with eyes, how far it stands from the template's surface.  And whether it has any.
     """
     longest = _longest(template.mesh)
     residual = pose.rms / longest * (1.0 + max(0.0, turn_deg(pose.rotation) - _TURN_DEG) / 45.0)

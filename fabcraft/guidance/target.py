@@ -18,7 +18,17 @@ from fabcraft.geometry.heights import front_heights, lifted_over, smoothest_over
 from fabcraft.geometry.plane import Plane
 from fabcraft.guidance.clean import cleaned
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.facing import Facing, Silhouette, eye_pair, faced, laid, silhouette, too_deep, turn_deg
+from fabcraft.guidance.facing import (
+    WORST_RESIDUAL,
+    Facing,
+    Silhouette,
+    eye_pair,
+    faced,
+    laid,
+    silhouette,
+    too_deep,
+    turn_deg,
+)
 from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, place
 from fabcraft.guidance.symmetry import mirror_axis
@@ -44,6 +54,8 @@ class TargetRelief:
     """What brought it there from its file."""
     residual: float
     """By how much it misses the template; see `Facing`."""
+    limit: float = WORST_RESIDUAL
+    """More than that is refused."""
 
 
 def target_relief(

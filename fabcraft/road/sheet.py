@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.guidance.alignment import placed_by
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.guidance.inflate import Relief, inflate
 from fabcraft.guidance.photograph import read_as
 from fabcraft.guidance.placement import place
-from fabcraft.guidance.alignment import placed_by
 from fabcraft.guidance.target import target_relief
 from fabcraft.judge import contact_findings, likeness, seat_findings, worn
 from fabcraft.mesh import Mesh
@@ -126,8 +126,8 @@ def _guidance(
         made = target_relief(
             given.goal, template, recipe.placement, placed_by(recipe.guidance_transform), recipe.force
         )
-        route = (f"guidance mesh {Path(recipe.guidance).name}",)
-        return None, made.relief, route, [(False, text) for text in made.notes]
+        said = [(False, text) for text in made.notes]
+        return None, made.relief, (f"guidance mesh {Path(recipe.guidance).name}",), said
     assert given.picture is not None
     drawing = read_as(given.picture, recipe.foreground)
     placed = place(drawing, template, recipe.placement)
