@@ -150,8 +150,7 @@ def is_recipe(what: str) -> bool:
 def read_recipe(path: Path | str) -> Recipe:
     """The recipe in a TOML file, or the one that a 3MF of ours carries; that one is without its output.
 
-    Raises `InputError` for a file that cannot be read, an unknown key, a value of the wrong kind, and for a 3MF that carries
-    none or whose input files are not there: it has their names alone.
+    Raises `InputError` for a file that cannot be read, an unknown key, a value of the wrong kind, and a 3MF without one.
     """
     path = Path(path)
     carried = path.suffix.lower() == ".3mf"
@@ -160,10 +159,7 @@ def read_recipe(path: Path | str) -> Recipe:
     own = replace(recipe.own, **_beside(path.parent, recipe.own, _OWN_FILES))
     names = _FILES if is_own(recipe.template) else _FILES[1:]
     recipe = replace(recipe, own=own, **_beside(path.parent, recipe, names))
-    if not carried:
-        return recipe
-    _require_there(path, recipe, own)
-    return replace(recipe, output=())
+    return replace(recipe, output=()) if carried else recipe
 
 
 def _toml(path: Path) -> dict[str, Any]:
@@ -197,8 +193,9 @@ def _carried(path: Path) -> dict[str, Any]:
         raise InputError(f"the recipe in {path} is not valid TOML: {error}", "Make the 3MF again.") from None
 
 
-def _require_there(path: Path, recipe: Recipe, own: OwnSettings) -> None:
-    """Raise `InputError` when a file that the recipe in the 3MF at `path` names is neither beside it nor here."""
+def require_inputs(path: Path | str, recipe: Recipe) -> None:
+    """Raise `InputError` when a file of the recipe that the 3MF at `path` carries is neither beside it nor here."""
+    own = recipe.own
     always = {
         name: getattr(recipe, name) for name in ("sketch", "guidance", "guidance_transform", "contacts")
     }

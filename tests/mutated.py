@@ -82,7 +82,7 @@ def bombs() -> dict[str, bytes]:
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
         "accessors": [{"count": 3, "componentType": 5126, "type": "VEC3", "sparse": {"count": huge}}],
     }  # fmt: skip
-    many = [{"mesh": 0} for _ in range(20_000)]
+    many = [{"mesh": 0} for _ in range(4_000)]
     copies = json.loads(json.dumps(meshes_tree()))
     copies["nodes"], copies["scenes"] = many, [{"nodes": list(range(len(many)))}]
     return {

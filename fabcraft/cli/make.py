@@ -198,7 +198,7 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
 
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
     """
-    from fabcraft.recipe import Recipe, is_recipe, read_recipe
+    from fabcraft.recipe import Recipe, is_recipe, read_recipe, require_inputs
 
     repeats = is_recipe(what) and not (own.given() and Path(what).suffix.lower() == ".3mf")
     if not (repeats or is_own(what)):
@@ -226,7 +226,10 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
     if "measure" in changes:
         changes["measures"] = {**recipe.measures, **parse(changes.pop("measure"))}
     changes |= {table: replace(getattr(recipe, table), **values) for table, values in tables.items()}
-    return replace(recipe, **changes)
+    recipe = replace(recipe, **changes)
+    if repeats and Path(what).suffix.lower() == ".3mf":
+        require_inputs(what, recipe)
+    return recipe
 
 
 def setting(text: str) -> tuple[str, float | str]:
