@@ -92,6 +92,7 @@ def inputs_of(recipe: Recipe, source: str = "") -> list[str]:
         *own,
         recipe.sketch,
         recipe.guidance,
+        recipe.guidance_transform,
         recipe.mesh_file,
         recipe.body,
         recipe.contacts,

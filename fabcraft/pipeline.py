@@ -3,9 +3,9 @@
 files, drawing → guidance → fit → solid → check → write. Every stage can also be called alone; see the README.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -124,7 +124,7 @@ def _given(recipe: Recipe) -> Given:
     if recipe.sketch:
         return Given(picture=read_image(recipe.sketch))
     if recipe.guidance:
-        return Given(goal=read_mesh(Path(recipe.guidance)))
+        return Given(goal=read_mesh(recipe.guidance, largest_mm=math.inf))
     if text_road(recipe)[0] == "clip":
         return Given()
     drawing, route, notes = text_drawing(recipe)

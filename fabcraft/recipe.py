@@ -23,8 +23,18 @@ from fabcraft.solid.plate_settings import PlateSettings
 from fabcraft.template.kinds import is_own, known
 from fabcraft.template.mask import WALL_MM
 from fabcraft.template.own import OwnSettings
+from fabcraft.write.threemf import read_recipe as carried_recipe
 
-_FILES = ("template", "sketch", "guidance", "body", "body_landmarks", "contacts", "printer")
+_FILES = (
+    "template",
+    "sketch",
+    "guidance",
+    "guidance_transform",
+    "body",
+    "body_landmarks",
+    "contacts",
+    "printer",
+)
 _FILE = "file:"
 _OWN_FILES = ("transform", "landmarks", "locked")
 """Keys that may name files, of a recipe and of its table `own`."""
@@ -51,6 +61,11 @@ class Recipe:
     out."""
     guidance: str = ""
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    guidance_transform: str = ""
+    """File of the 4 x 4 matrix that brings the mesh to the body's space, mm, as transform in .toml or .json; found when left
+    out."""
+    force: bool = False
+    """Take a guidance mesh that resembles the template too little."""
     text: str = ""
     """What it should look like in words, instead of a sketch, such as "a cat with a star"."""
     via: Literal["", "clip", "picture", "subjects"] = ""
@@ -125,6 +140,11 @@ class Recipe:
                     f"{said[0]} was given for the {self.template}, which is a built-in template",
                     "It is for a mesh file of your own: fabcraft make FILE.stl ...",
                 )
+        if (self.guidance_transform or self.force) and not self.guidance:
+            what = "a guidance transform" if self.guidance_transform else "force"
+            raise InputError(
+                f"{what} was given without a guidance mesh", "Give --guidance MESH, or leave it out."
+            )
         if self.preset not in (presets := ("draft", "standard")):
             raise InputError(f"preset '{self.preset}' was asked", f"Choose one of: {', '.join(presets)}.")
         if self.wall_mm and not WALL_MM[0] <= self.wall_mm <= WALL_MM[1]:
@@ -140,18 +160,34 @@ class Recipe:
                     )
 
 
-def read_recipe(path: Path | str) -> Recipe:
-    """The recipe in a TOML file.
+def is_recipe(what: str) -> bool:
+    """Whether `what` names a recipe: a TOML file, or a 3MF that carries one."""
+    kind = Path(what).suffix.lower()
+    return kind == ".toml" or (kind == ".3mf" and Path(what).is_file() and carried_recipe(what) is not None)
 
-    Raises `InputError` for a file that cannot be read, an unknown key, or a value of the wrong kind.
+
+def read_recipe(path: Path | str) -> Recipe:
+    """The recipe in a TOML file, or the one that a 3MF of ours carries; that one is without its output.
+
+    Raises `InputError` for a file that cannot be read, an unknown key, a value of the wrong kind, and a 3MF without one.
     """
     path = Path(path)
+    carried = path.suffix.lower() == ".3mf"
+    table = _carried(path) if carried else _toml(path)
+    recipe = recipe_of(table, str(path))
+    own = replace(recipe.own, **_beside(path.parent, recipe.own, _OWN_FILES))
+    names = _FILES if is_own(recipe.template) else _FILES[1:]
+    recipe = replace(recipe, own=own, **_beside(path.parent, recipe, names))
+    return replace(recipe, output=()) if carried else recipe
+
+
+def _toml(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > 1_000_000:
             raise InputError(
                 f"{path} is {path.stat().st_size:,} bytes; a recipe has a few hundred", "Check the path."
             )
-        table = tomllib.loads(path.read_text("utf-8"))
+        return tomllib.loads(path.read_text("utf-8"))
     except IsADirectoryError:
         raise InputError(f"{path} is a folder; a recipe file was expected", "Give a .toml file.") from None
     except FileNotFoundError:
@@ -162,12 +198,37 @@ def read_recipe(path: Path | str) -> Recipe:
         raise InputError(
             f"{path} cannot be read: {error.strerror}", "Check the path and its permissions."
         ) from None
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}", "Mend the line named.") from None
-    recipe = recipe_of(table, str(path))
-    own = replace(recipe.own, **_beside(path.parent, recipe.own, _OWN_FILES))
-    names = _FILES if is_own(recipe.template) else _FILES[1:]
-    return replace(recipe, own=own, **_beside(path.parent, recipe, names))
+
+
+def _carried(path: Path) -> dict[str, Any]:
+    text = carried_recipe(path)
+    if text is None:
+        raise InputError(f"{path} carries no recipe", "Give a 3MF that fabcraft made, or a .toml file.")
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"the recipe in {path} is not valid TOML: {error}", "Make the 3MF again.") from None
+
+
+def require_inputs(path: Path | str, recipe: Recipe) -> None:
+    """Raise `InputError` when a file of the recipe that the 3MF at `path` carries is neither beside it nor here."""
+    own = recipe.own
+    always = {
+        name: getattr(recipe, name) for name in ("sketch", "guidance", "guidance_transform", "contacts")
+    }
+    always["body_landmarks"] = recipe.body_landmarks
+    always |= {f"own.{name}": getattr(own, name) for name in ("transform", "landmarks")}
+    # a body, a printer or a template may be a name as well
+    named = ("template", "body", "printer")
+    always |= {name: getattr(recipe, name) for name in named if Path(getattr(recipe, name)).suffix}
+    for name, file in always.items():
+        if file and not Path(file).is_file():
+            raise InputError(
+                f"the recipe in {path} needs the file {file} ({name}), which is neither beside it nor here",
+                "A 3MF carries the names of its inputs, not the files: put the file beside the 3MF.",
+            )
 
 
 def _beside(folder: Path, table: Recipe | OwnSettings, names: tuple[str, ...]) -> dict[str, Any]:

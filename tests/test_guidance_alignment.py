@@ -1,11 +1,14 @@
 import numpy as np
 import pytest
 import trimesh
+from registered import SCALES, error, given, orientations, shaken
 from scipy.spatial.transform import Rotation
 from worn import ball, horned, torus
 
 from fabcraft.errors import InputError
-from fabcraft.guidance.alignment import aligned
+from fabcraft.geometry.align import Similarity
+from fabcraft.guidance.alignment import aligned, laid_on
+from fabcraft.guidance.clean import cleaned
 from fabcraft.mesh import Mesh
 
 
@@ -25,7 +28,7 @@ def test_a_mesh_of_any_scale_and_turn_comes_back_onto_itself(seed, scale):
 def test_what_resembles_nothing_is_refused_unless_forced():
     stick = trimesh.creation.cylinder(0.5, 60.0)
     stick = Mesh(np.array(stick.vertices), np.array(stick.faces, dtype=np.int32), "stick")
-    with pytest.raises(InputError, match="resembles the ring too little"):
+    with pytest.raises(InputError, match=r"resembles the ring too little: .* at most 10 % was expected"):
         aligned(stick, torus(10.0, 2.0))
     assert aligned(stick, torus(10.0, 2.0), force=True).residual > 0.1
 
@@ -33,3 +36,28 @@ def test_what_resembles_nothing_is_refused_unless_forced():
 def test_a_mesh_without_a_surface_is_refused():
     with pytest.raises(InputError, match="no surface"):
         aligned(Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32)), ball())
+
+
+@pytest.mark.parametrize("index", [7, 14])
+def test_a_mesh_with_clutter_comes_back_within_two_degrees_and_two_percent(index):
+    onto = horned()
+    bent = onto.vertices + 0.006 * onto.vertices[:, :1] ** 2 * [
+        1.0,
+        0.0,
+        0.0,
+    ]  # no turn brings it onto itself
+    uneven = onto.with_vertices(bent * [1.0, 0.8, 1.3])
+    whole, pose = given(shaken(uneven, index), orientations()[index], SCALES[index % 3], index)
+    found = aligned(cleaned(whole).mesh, uneven)
+    degrees, scale, off = error(found.placed, pose, Similarity(), uneven)
+    assert degrees < 2.0
+    assert scale < 0.02
+    assert off < 0.02
+
+
+def test_a_mesh_stays_where_its_user_puts_it():
+    onto = horned()
+    found = laid_on(onto, onto, Similarity(2.0, np.eye(3), np.array([5.0, 0.0, 0.0])))
+    assert found.mesh.vertices == pytest.approx(2.0 * onto.vertices + [5.0, 0.0, 0.0])
+    assert found.residual > 0.1
+    assert found.words.startswith("placed by its transform")

@@ -1,15 +1,19 @@
-"""Pictures whose bytes were changed by chance: refused or read, never anything else."""
+"""Pictures and meshes whose bytes were changed by chance: refused or read, never anything else."""
 
+import contextlib
 import io
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
 from drawn import eyes, head, page
+from mutated import bombs, meshes, mutated, mutated_zip
 from PIL import Image
 
 from fabcraft.errors import InputError
 from fabcraft.read.image_file import read_image
+from fabcraft.read.mesh_file import read_mesh
 
 SVG = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 90 60"><defs><g id="a"><circle r="9" cx="9" cy="9"/></g></defs>'
@@ -26,22 +30,6 @@ def originals() -> dict[str, bytes]:
         image.convert("RGB").save(buffer, name)
         out[name] = buffer.getvalue()
     return out
-
-
-def mutated(data: bytes, rng: np.random.Generator) -> bytes:
-    """A few bytes changed, sometimes a piece cut out, doubled or cut off."""
-    out = bytearray(data)
-    for _ in range(rng.integers(1, 9)):
-        out[rng.integers(len(out))] = rng.integers(256)
-    at, length = rng.integers(len(out)), rng.integers(1, 60)
-    kind = rng.integers(5)
-    if kind == 0:
-        del out[at:]
-    elif kind == 1:
-        del out[at : at + length]
-    elif kind == 2:
-        out[at:at] = out[at : at + length]
-    return bytes(out)
 
 
 def outcomes(kind: str, count: int, path, seed: int = 0) -> tuple[int, float]:
@@ -66,3 +54,30 @@ def test_a_picture_with_changed_bytes_is_read_or_refused(tmp_path, kind):
     read, longest = outcomes(kind, 40, tmp_path / f"a.{kind}")
     assert read < 40
     assert longest < 10.0
+
+
+@pytest.mark.parametrize("name", sorted(meshes()))
+def test_a_mesh_with_changed_bytes_is_read_or_refused(tmp_path, capfd, name):
+    rng, data, path, refused = np.random.default_rng(3), meshes()[name], tmp_path / name, 0
+    for index in range(40):
+        path.write_bytes(mutated_zip(data, rng) if name == "a.3mf" and index % 2 else mutated(data, rng))
+        try:
+            assert np.isfinite(read_mesh(path).vertices).all()
+        except InputError as error:
+            assert error.next_step
+            refused += 1
+    assert refused
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "data"), sorted(bombs().items()))
+def test_a_small_file_that_announces_gigabytes_is_read_or_refused_at_once(tmp_path, name, data):
+    path = tmp_path / name
+    path.write_bytes(data)
+    tracemalloc.start()
+    try:
+        with contextlib.suppress(InputError):
+            read_mesh(path)
+        assert tracemalloc.get_traced_memory()[1] < 300e6
+    finally:
+        tracemalloc.stop()

@@ -4,7 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from worn import ball
 
+from fabcraft.cli.make import Flags, recipe_from
 from fabcraft.errors import InputError
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
@@ -102,3 +104,36 @@ def test_measures_are_a_table_of_numbers_and_sizes(tmp_path: Path) -> None:
     assert table.measures == recipe.measures
     with pytest.raises(InputError, match="measures"):
         read_recipe(written(tmp_path, "measures = { wrist = [158] }\n"))
+
+
+def package(path, recipe):
+    from fabcraft.write.threemf import threemf_bytes
+
+    path.write_bytes(threemf_bytes([ball()], title="ring", metadata={}, recipe=recipe))
+    return path
+
+
+def test_a_3mf_repeats_the_recipe_that_it_carries(tmp_path):
+    (tmp_path / "star.png").touch()
+    said = Recipe(template="ring", sketch="elsewhere/star.png", output=("out/ring.3mf",), wall_mm=3.0)
+    path = package(tmp_path / "ring.3mf", recipe_toml(said))
+    again = recipe_from(str(path), Flags(wall=2.0))
+    assert again == Recipe(template="ring", sketch=str(tmp_path / "star.png"), wall_mm=2.0)
+
+
+def test_a_3mf_whose_input_is_gone_says_so_unless_another_is_given(tmp_path):
+    path = package(tmp_path / "ring.3mf", 'template = "ring"\nsketch = "gone.png"\n')
+    with pytest.raises(InputError, match=r"needs the file gone\.png \(sketch\)"):
+        recipe_from(str(path), Flags())
+    (other := tmp_path / "other.svg").touch()
+    assert recipe_from(str(path), Flags(sketch=str(other), output=("a.3mf",))).output == ("a.3mf",)
+
+
+def test_a_3mf_without_a_recipe_is_a_mesh_of_ones_own(tmp_path):
+    path = package(tmp_path / "own.3mf", None)
+    assert recipe_from(str(path), Flags()).template == str(path)
+
+
+def test_a_transform_without_a_guidance_mesh_is_refused():
+    with pytest.raises(InputError, match="without a guidance mesh"):
+        Recipe(guidance_transform="t.json")

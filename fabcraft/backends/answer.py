@@ -1,5 +1,6 @@
 """What a back end answered is looked at before it is believed: a mesh that can be read, or a picture that can be."""
 
+import math
 import tempfile
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def _checked(answer: Answer, who: str, what: str, most: int, ending: str) -> str
         path = Path(folder) / f"answer.{ending}"
         path.write_bytes(answer.data)
         try:
-            _ = read_mesh(path) if what == "mesh" else read_image(path)
+            _ = read_mesh(path, largest_mm=math.inf) if what == "mesh" else read_image(path)
         except InputError as error:
             why = error.message.replace(f"{folder}/", "")
             raise InputError(f"{who} answered a {what} that cannot be used: {why}", _AGAIN) from None

@@ -15,6 +15,7 @@ import subprocess
 import tempfile
 import time
 import zipfile
+import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -210,7 +211,7 @@ def _measured(made: Path, mesh: Mesh, profile: PrinterProfile, answer: SlicerAns
                 layers=len(told.layers_mm) or None,
                 empty_layers_mm=() if profile.slicer_command else told.empty_layers(profile.layer_mm),
             )
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         return SlicerAnswer(answer.program, error=f"what {answer.program} made cannot be read: {error}")
     if not answer.material_mm3 and profile.slicer_command:  # resin, or G-code in words of its own
         return replace(answer, material_mm3=None, support_mm3=None, laid_mm3=None, layers=None)
@@ -228,7 +229,10 @@ def _product(folder: Path, made: Path) -> Path | None:
     if plates := sorted(folder.rglob("*.gcode")):
         return plates[0]
     for package in sorted(folder.rglob("*.3mf")):
-        with contextlib.suppress(zipfile.BadZipFile, OSError), zipfile.ZipFile(package) as entries:
+        with (
+            contextlib.suppress(zipfile.BadZipFile, zlib.error, OSError),
+            zipfile.ZipFile(package) as entries,
+        ):
             for entry in entries.infolist():
                 if entry.filename.endswith(".gcode") and entry.file_size <= _MOST_BYTES:
                     with entries.open(entry) as source, made.open("wb") as copy:

@@ -27,6 +27,7 @@ def guidance(
     wearer: Wearer = ANYBODY,
     reading: Annotated[Literal["object", "motif"] | None, Parameter(name="--as")] = None,
     foreground: Literal["auto", "alpha", "grabcut", "rembg"] | None = None,
+    guidance_transform: str | None = None,
     show_input: str | None = None,
     json: bool = False,
 ) -> int:
@@ -37,6 +38,7 @@ def guidance(
       fabcraft guidance cat.png --show-input understood.png
       fabcraft guidance --text "a cat with a star" --show-input chosen.png
       fabcraft guidance bust.stl --body woman --json
+      fabcraft guidance horned.glb --template helmet --show-input lies.png
       fabcraft guidance brooch.jpg --template necklace --foreground auto
 
     Parameters
@@ -54,8 +56,10 @@ def guidance(
     foreground
         The picture is a photograph or an illustration: how its object is told from the background: auto (its transparency,
         else GrabCut), alpha, grabcut or rembg.
+    guidance_transform
+        Where the mesh lies: its 4 x 4 matrix to the body's space, mm, as transform in a .toml or .json file.
     show_input
-        Also write a picture of what was understood of a drawing (.png).
+        Also write a picture of what was understood of a drawing, or of how the mesh lies on the body (.png).
     json
         Print JSON.
     """
@@ -66,7 +70,7 @@ def guidance(
             'Give one: fabcraft guidance cat.png, or fabcraft guidance --text "a cat".',
         )
     if show_input is not None:
-        require_png(show_input, [file, body])
+        require_png(show_input, [file, body, guidance_transform or ""])
     drawing: "Drawing | None" = None
     from fabcraft.fitting_room import plain
     from fabcraft.guidance.photograph import read_as
@@ -83,8 +87,12 @@ def guidance(
         drawing, told = _of_drawing(drawing, list(route), plain(template, wearer.found(body)), reading)
         told["warnings"] = [*notes, *told["warnings"]]
     elif Path(file).suffix.lower().removeprefix(".") in FORMATS:
-        mesh = read_mesh(file)
-        told = _of_mesh(mesh, Path(file).name, plain(template, wearer.found(body)))
+        base = plain(template, wearer.found(body))
+        told, used = _of_mesh(read_mesh(file, largest_mm=np.inf), file, base, guidance_transform or "")
+        if show_input is not None:
+            from fabcraft.write.bodies import beside_body
+
+            told["files"] = written_png(show_input, beside_body(base.body, used))
     else:
         drawing = read_as(read_image(file), foreground or "")
         kind = "photograph" if drawing.told_apart else "sketch"
@@ -141,9 +149,12 @@ def _of_drawing(
     }
 
 
-def _of_mesh(mesh: "Mesh", name: str, base: "Template") -> dict[str, Any]:
+def _of_mesh(mesh: "Mesh", file: str, base: "Template", transform: str) -> tuple[dict[str, Any], "Mesh"]:
+    """What to say of a mesh, and the mesh as it is used, where it lies on the body."""
+    from fabcraft.guidance.alignment import placed_by
+
     told: dict[str, Any] = {
-        "route": [f"guidance mesh {name}, {len(mesh.faces):,} faces"],
+        "route": [f"guidance mesh {Path(file).name}, {len(mesh.faces):,} faces"],
         "understood": "a mesh",
         "outline_closed": True,
         "holes": 0,
@@ -152,21 +163,37 @@ def _of_mesh(mesh: "Mesh", name: str, base: "Template") -> dict[str, Any]:
         "warnings": [],
     }
     if base.kind == "sheet":
-        from fabcraft.guidance.placement import PlacementSettings
         from fabcraft.guidance.target import target_relief
 
-        relief, said = target_relief(mesh, base, PlacementSettings())
-        width, height = np.ptp(relief.outline, axis=0)
+        made = target_relief(mesh, base, transform=placed_by(transform), force=True)
+        width, height = np.ptp(made.relief.outline, axis=0)
+        used, placed, miss, limit = made.mesh, made.placed, made.residual, made.limit
         told["route"].append(f"placed: {width:.0f} x {height:.0f} mm")
-        return told | {
-            "understood": f"an outline, {len(relief.openings)} openings",
-            "holes": len(relief.openings),
-            "warnings": list(said),
-        }
-    from fabcraft.guidance.alignment import aligned
+        told["understood"] = f"an outline, {len(made.relief.openings)} openings"
+        told["holes"], told["warnings"] = len(made.relief.openings), list(made.notes)
+    else:
+        from fabcraft.geometry.distance import SurfaceDistance
+        from fabcraft.guidance.alignment import WORST
+        from fabcraft.guidance.target_points import TargetPoints
+        from fabcraft.recipe import Recipe
+        from fabcraft.road.base import as_solid
+        from fabcraft.road.guided import goal_on
 
-    told["route"].append(aligned(mesh, base.mesh).words)
-    return told
+        recipe = Recipe(template=base.name, guidance=file, guidance_transform=transform, force=True)
+        rest = as_solid(base)
+        goal, notes = goal_on(mesh, rest, recipe, base.pair)
+        used, placed, miss, limit = goal.mesh, goal.placed, goal.residual, WORST
+        body, keep_mm = SurfaceDistance(base.body.mesh), max(base.listed_mm[0], 0.0)
+        points = TargetPoints.of(used, rest, body=body, clearance_mm=keep_mm)
+        told["route"] += [goal.words, points.describe()]
+        told["warnings"] = list(notes)
+    if miss > limit and not transform:
+        told["warnings"].append(
+            f"It misses the template by {100.0 * miss:.0f} % of its size; more than {100.0 * limit:.0f} % "
+            "is refused, unless forced."
+        )
+    told |= {"misses": miss, "limit": limit, "transform": placed.matrix.tolist()}
+    return told, used
 
 
 def require_png(place: str, inputs: list[str]) -> None:

@@ -31,6 +31,11 @@ class Flags:
     """The picture is a photograph or an illustration: how its object is told from the background. [default: a drawing]"""
     guidance: str | None = None
     """Mesh to look like, instead of a sketch: STL, OBJ, PLY, GLB or 3MF of any size."""
+    guidance_transform: str | None = None
+    """Where that mesh lies: its 4 x 4 matrix to the body's space, mm, as transform in a .toml or .json file.
+    [default: found]"""
+    force: Annotated[bool | None, Parameter(negative="", show_default=False)] = None
+    """Take the mesh although it resembles the template too little. [default: no]"""
     text: str | None = None
     """What it should look like in words, instead of a sketch, such as "a cat with a star" (fabcraft subjects)."""
     via: Literal["clip", "picture", "subjects"] | None = None
@@ -157,14 +162,15 @@ def make(
       fabcraft make mask --sketch cat.png --image-to-3d gradio:http://127.0.0.1:7860 -o cat.3mf
       fabcraft make my-visor.stl --like visor --sketch star.png -o star.3mf
       fabcraft make cat.toml --wall 3
+      fabcraft make cat.3mf --body child -o small.3mf
 
     Ctrl-C while it fits keeps the best so far and writes that.
 
     Parameters
     ----------
     what
-        A template (see fabcraft templates), the mesh file of your own one, or a recipe file (.toml) whose settings any
-        flag overrides.
+        A template (see fabcraft templates), the mesh file of your own one, or a recipe whose settings any flag overrides: a
+        .toml file, or a 3MF that fabcraft made, which carries one.
     yes
         Agree to what a back end costs, sends away or binds to, without being asked.
     json
@@ -176,12 +182,13 @@ def make(
     if not recipe.output:
         raise InputError("no output was named", "Give -o OUT.3mf, for example -o cat.3mf.")
     from fabcraft.outputs import inputs_of, outputs_of, require_outputs, write_all
+    from fabcraft.recipe import is_recipe
 
-    require_outputs(recipe, what if _is_recipe(what) else "")
+    require_outputs(recipe, what if is_recipe(what) else "")
     if slicing != UNSLICED:
         from fabcraft.profile import load_profile
 
-        source = what if _is_recipe(what) else ""
+        source = what if is_recipe(what) else ""
         slicing.require(load_profile(recipe.printer), outputs_of(recipe), inputs_of(recipe, source))
     from fabcraft import pipeline
 
@@ -206,7 +213,10 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
 
     Raises `InputError` for an unknown template, an unreadable recipe, or a number that is none.
     """
-    if not (_is_recipe(what) or is_own(what)):
+    from fabcraft.recipe import Recipe, is_recipe, read_recipe, require_inputs
+
+    repeats = is_recipe(what) and not (own.given() and Path(what).suffix.lower() == ".3mf")
+    if not (repeats or is_own(what)):
         known(what)
     given = {key: value for key, value in asdict(flags).items() if value is not None and value != ()}
     for key, value in given.items():
@@ -215,20 +225,23 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
                 f"--{key.replace('_', '-')} {value} is not a finite number", "Give a number such as 1.5."
             )
     from fabcraft.body.sizes import parse
-    from fabcraft.recipe import Recipe, read_recipe
 
-    recipe = read_recipe(what) if _is_recipe(what) else Recipe(template=what)
+    recipe = read_recipe(what) if repeats else Recipe(template=what)
     inputs = [name for name in ("sketch", "guidance", "text") if name in given]
+    fresh: dict[str, Any] = {"guidance_transform": "", "force": False}
     if inputs == ["guidance"]:  # it takes the place of the file's own, and of what would have made one
-        given = {"sketch": "", "text": "", "via": "", "image_to_3d": "", "text_to_image": "", **given}
-    elif len(inputs) == 1 and not given.get("text_to_image", recipe.text_to_image):
         given = {
             "sketch": "",
-            "guidance": "",
             "text": "",
-            **({} if "text" in given else {"via": ""}),
+            "via": "",
+            "image_to_3d": "",
+            "text_to_image": "",
+            **fresh,
             **given,
         }
+    elif len(inputs) == 1 and not given.get("text_to_image", recipe.text_to_image):
+        via = {} if "text" in given else {"via": ""}
+        given = {"sketch": "", "guidance": "", "text": "", **via, **fresh, **given}
     if "set" in given:
         given["parameters"] = {**recipe.parameters, **dict(setting(text) for text in given.pop("set"))}
     tables: dict[str, dict[str, Any]] = {"own": own.given(), "plate": plate.given()}
@@ -239,7 +252,10 @@ def recipe_from(what: str, flags: Flags, own: OwnFlags = NOTHING, plate: PlateFl
     if "measure" in changes:
         changes["measures"] = {**recipe.measures, **parse(changes.pop("measure"))}
     changes |= {table: replace(getattr(recipe, table), **values) for table, values in tables.items()}
-    return replace(recipe, **changes)
+    recipe = replace(recipe, **changes)
+    if repeats and Path(what).suffix.lower() == ".3mf":
+        require_inputs(what, recipe)
+    return recipe
 
 
 def setting(text: str) -> tuple[str, float | str]:
@@ -256,7 +272,3 @@ def setting(text: str) -> tuple[str, float | str]:
     if not math.isfinite(number):
         raise InputError(f"--set {text} is not a finite number", "Give a number such as 6.")
     return name.strip(), number
-
-
-def _is_recipe(what: str) -> bool:
-    return Path(what).suffix.lower() == ".toml"

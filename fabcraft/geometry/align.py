@@ -38,6 +38,11 @@ class Similarity:
         matrix[:3, 3] = self.translation
         return matrix
 
+    def after(self, first: "Similarity") -> "Similarity":
+        """`first`, then this one."""
+        shift = self.points(first.translation[None])[0]
+        return Similarity(self.scale * first.scale, self.rotation @ first.rotation, shift, self.rms)
+
     def inverse(self) -> "Similarity":
         """The map back."""
         back = self.rotation.T

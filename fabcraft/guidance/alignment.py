@@ -11,9 +11,11 @@ from jaxtyping import Float64
 from scipy.spatial import cKDTree
 
 from fabcraft.errors import InputError
-from fabcraft.geometry.align import Similarity, axis_rotations, similarity_icp
+from fabcraft.geometry.align import Similarity, axis_rotations, settled_on, similarity_icp
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.sampling import area_samples
 from fabcraft.mesh import Mesh
+from fabcraft.template.own_place import by_transform
 
 WORST = 0.1
 """A match that misses by more than this share of the object's size is refused."""
@@ -22,6 +24,10 @@ _REFINED = 6
 """So many of the turns are refined to the end: coarse points rank them roughly."""
 _KEPT = 0.9
 """Share of the pairs that ICP goes by: horns are few points, and say more about the turn than the ball they stand on."""
+
+_ADVICE = ", say where it lies (--guidance-transform), or take it as it is (--force)."
+_SLID = 0.75
+"""Share of the points that the last millimetres go by: there, horns and lumps only pull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +51,31 @@ class Aligned:
         """Factor of the size."""
         return self.placed.scale
 
+    given: bool = False
+    """Its user said where it lies."""
+
     @property
     def words(self) -> str:
         """What was done, for the report."""
-        return (
-            f"turned by {self.turned_deg:.0f} degrees and scaled {self.scaled:.3g} times; "
-            f"it misses the template by {100.0 * self.residual:.1f} % of its size"
+        done = (
+            "placed by its transform"
+            if self.given
+            else f"turned by {self.turned_deg:.0f} degrees and scaled {self.scaled:.3g} times"
         )
+        return f"{done}; it misses the template by {100.0 * self.residual:.1f} % of its size"
+
+
+def placed_by(path: str) -> Similarity | None:
+    """The placement in a user's file of a 4 x 4 matrix; None where there is no file.  Raises `InputError` for a bad one."""
+    return by_transform(path) if path else None
+
+
+def laid_on(goal: Mesh, onto: Mesh, placed: Similarity) -> Aligned:
+    """`goal` where its user says that it lies, like `onto` or not.  Raises `InputError` for one without a surface."""
+    _require_surface(goal, "guidance mesh")
+    points, target = placed.points(_spread(goal, _FINE)[0]), _spread(onto, _FINE)[0]
+    residual = _miss(points, target) / float(onto.size_mm.max())
+    return Aligned(goal.with_vertices(placed.points(goal.vertices)), residual, placed, given=True)
 
 
 def aligned(
@@ -62,8 +86,7 @@ def aligned(
     what : `goal` is called that in errors.  scaled : it may change its size.
     Raises `InputError` for a mesh without a surface, and for one that resembles `onto` too little, unless forced.
     """
-    if len(goal.faces) == 0 or not goal.face_areas.sum() > 0.0:
-        raise InputError(f"the {what} has no surface", "Give a mesh with faces.")
+    _require_surface(goal, what)
     size = float(onto.size_mm.max())
     (coarse, coarse_normals), (target, target_normals) = _spread(goal, _COARSE), _spread(onto, _COARSE)
     ratio = _spread_of(target) / _spread_of(coarse) if scaled else 1.0
@@ -83,14 +106,24 @@ def aligned(
         for start in ranked[:_REFINED]
     ]
     found = min(refined, key=lambda one: _miss(one.points(fine), target))
+    # points on both sides are a degree apart by chance; the surface itself is not
+    slid = settled_on(SurfaceDistance(onto), fine, found, scaled, _SLID)
+    if not scaled or scales[0] <= slid.scale <= scales[1]:
+        found = slid
     residual = _miss(found.points(fine), target) / size
     if residual > WORST and not force:
+        advice = "Give a mesh of that kind of object" + (_ADVICE if what == "guidance mesh" else ".")
         raise InputError(
             f"the {what} resembles the {onto.name or 'template'} too little: "
-            f"it misses it by {100.0 * residual:.0f} % of its size",
-            "Give a mesh of that kind of object.",
+            f"it misses it by {100.0 * residual:.0f} % of its size, at most {100.0 * WORST:.0f} % was expected",
+            advice,
         )
     return Aligned(goal.with_vertices(found.points(goal.vertices)), residual, found)
+
+
+def _require_surface(mesh: Mesh, what: str) -> None:
+    if len(mesh.faces) == 0 or not mesh.face_areas.sum() > 0.0:
+        raise InputError(f"the {what} has no surface", "Give a mesh with faces.")
 
 
 def _spread(mesh: Mesh, count: int) -> tuple[Float64[np.ndarray, "K 3"], Float64[np.ndarray, "K 3"]]:

@@ -4,7 +4,8 @@ Axis conventions of mesh files differ, so all 24 rotations that map axes onto ax
 front of each is brought onto the placed template by a similarity (trimmed ICP, scale within 0.5-2 of the ratio of the
 boxes). The one that is left with the least residual is taken, unlikeness to its mirror image counted in; where two holes
 can be eyes, half of the residual is the distance to the template's surface with these eyes over the wearer's. Among near
-equals the more usual axes stand.
+equals the more usual axes stand. A whole head without eye holes is like a mask from many sides: its axes count for more,
+and where it is the wearer's own head, that alone places it.
 
 A shape with eyes is then levelled: eyes over eyes, until its distance to the template's surface has no slope. Without
 eyes only the ICP is left, which cannot tell a small tilt from the shape itself: turns below 25 degrees are not taken over.
@@ -24,6 +25,8 @@ from fabcraft.geometry.contour import inside
 from fabcraft.geometry.heights import front_heights
 from fabcraft.geometry.plane import Plane
 from fabcraft.geometry.raster import rasterize, silhouette_mask
+from fabcraft.guidance.alignment import aligned
+from fabcraft.guidance.clean import simplified
 from fabcraft.mesh import Mesh
 from fabcraft.template.template import Template
 
@@ -34,6 +37,14 @@ _LEVEL_DEG = 5.0  # a smaller tilt of a shape with eyes is taken for its design
 _NO_EYES = 1.5  # a direction without eyes must suit that much better than one with eyes
 _DOUBT = (1.0, 1.0, 1.05, 1.05, 1.25)  # by how unusual the axes are
 _TIE = 1.05
+_DEEP_DOUBT = (1.0, 1.0, 1.3, 1.3, 2.0)
+_DEEP = 0.6  # a mesh whose shortest side is that share of its longest is more than a front
+_OWN_HEAD = 0.04  # the head of another animal misses a person's by 0.047 and more
+_DOUBTFUL = (
+    "It is a whole head without eye holes, which looks like a mask from many sides: its front and up are those that its "
+    "file's axes suggest. If that is wrong, say where it lies (--guidance-transform)."
+)
+_SEARCH_FACES = 12_000
 _MOST_HOLES = 12
 _HOLE_MM2 = 30.0
 
@@ -45,9 +56,13 @@ class Facing:
     mesh: Mesh
     """mm, z up, seen from -y, near the template."""
     residual: float
-    """Root mean square of what the trimmed ICP left, over the template's longest side."""
-    turned: Float64[np.ndarray, "3 3"]
-    """Rotation from the axes of the file."""
+    """Root mean square of what the trimmed ICP left, over the template's longest side; of a head on the wearer's the mean
+    distance of the two over its longest side."""
+    pose: Similarity
+    """What brought it there from its file."""
+    exact: bool = False
+    """It lies where it is to be worn already; otherwise place and size are still to be found."""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +80,25 @@ class Silhouette:
     """Area of the other pieces."""
 
 
-def faced(mesh: Mesh, template: Template) -> Facing:
+def faced(mesh: Mesh, template: Template, force: bool = False) -> Facing:
     """`mesh`, of any scale, up axis and facing, in front of the template's body.
 
+    force : one that misses the template by too much is taken nevertheless.
     Raises `InputError` for a mesh without a surface, and for one that resembles the template in no direction.
     """
-    mesh = _of_usual_size(mesh)
-    rotation, visible = _best_axes(mesh, template)
+    file, (mesh, sized) = mesh, _of_usual_size(mesh)
+    deep = bool(mesh.size_mm.min() > _DEEP * mesh.size_mm.max())
+    if deep and (own := _on_head(file, template)) is not None:
+        return own
+    rotation, visible, eyed = _best_axes(simplified(mesh, _SEARCH_FACES), template, deep)
     pose = _brought(*visible, template, 40, 1200)
     residual = pose.rms / _longest(template.mesh)
-    if not residual <= WORST_RESIDUAL:
+    if not residual <= WORST_RESIDUAL and not force:
         raise InputError(
             f"the guidance mesh does not resemble a mask from any side: it misses the template by {100 * residual:.0f} % "
             f"of its size, at most {100 * WORST_RESIDUAL:.0f} % was expected",
-            "Turn it so that its front looks along -y with +z up, and cut off what is not the mask.",
+            "Turn it so that its front looks along -y with +z up, and cut off what is not the mask; or say where it lies "
+            "(--guidance-transform), or take it as it is (--force).",
         )
     level = _levelled(_moved(mesh, pose, rotation), template)
     if level is None:
@@ -89,7 +109,31 @@ def faced(mesh: Mesh, template: Template) -> Facing:
         middle = pose.points(visible[0].mean(0)[None])[0]
         turned = level @ pose.rotation
         pose = Similarity(pose.scale, turned, middle - pose.scale * turned @ visible[0].mean(0), pose.rms)
-    return Facing(_moved(mesh, pose, rotation), residual, pose.rotation @ rotation)
+    turned = Similarity(pose.scale, pose.rotation @ rotation, pose.translation, pose.rms)
+    notes = () if eyed or not deep else (_DOUBTFUL,)
+    return Facing(_moved(mesh, pose, rotation), residual, turned.after(sized), notes=notes)
+
+
+def laid(mesh: Mesh, template: Template, pose: Similarity) -> Facing:
+    """`mesh` where its user says that it lies on the body."""
+    moved = mesh.with_vertices(pose.points(mesh.vertices))
+    points, _ = _seen(moved, np.eye(3))
+    distances, _ = cKDTree(template.mesh.vertices).query(points)
+    if not len(points) or not np.isfinite(distances).all():
+        raise InputError("the guidance mesh shows no surface from the front", "Check its transform.")
+    return Facing(moved, _trimmed_rms(distances) / _longest(template.mesh), pose, exact=True)
+
+
+def _on_head(mesh: Mesh, template: Template) -> Facing | None:
+    """A mesh of the wearer's own head on it; None for any other."""
+    body = template.body.mesh
+    head = body.submesh((body.corners[:, :, 2] > template.outline[:, 1].min()).all(1))
+    if not len(head.faces):
+        return None
+    found = aligned(mesh, head, force=True)
+    return (
+        Facing(found.mesh, found.residual, found.placed, exact=True) if found.residual < _OWN_HEAD else None
+    )
 
 
 def silhouette(mesh: Mesh, template: Template, pixel_mm: float) -> Silhouette:
@@ -167,8 +211,8 @@ def _centre(region: np.ndarray, plane: Plane) -> np.ndarray:
     return plane.to_mm(np.array([[columns.mean() + 0.5, rows.mean() + 0.5]]))[0]
 
 
-def _of_usual_size(mesh: Mesh) -> Mesh:
-    """The mesh about its centre, 200 mm long.  Raises `InputError` where it has no surface."""
+def _of_usual_size(mesh: Mesh) -> tuple[Mesh, Similarity]:
+    """The mesh about its centre, 200 mm long, and what made it so.  Raises `InputError` where it has no surface."""
     if len(mesh.faces) == 0:
         raise InputError(
             "the guidance mesh has no faces", "Check that the file holds a surface and not only points."
@@ -177,16 +221,20 @@ def _of_usual_size(mesh: Mesh) -> Mesh:
     lower, upper = points.min(0), points.max(0)
     longest = float((upper - lower).max())
     scale = 200.0 / longest if longest > 0.0 else 0.0
-    sized = Mesh((mesh.vertices - 0.5 * (lower + upper)) * scale, mesh.faces, mesh.name)
+    pose = Similarity(scale, np.eye(3), -0.5 * scale * (lower + upper))
+    sized = mesh.with_vertices(pose.points(mesh.vertices))
     if sized.area_mm2 < 400.0:  # a hundredth of the square of that length
         raise InputError(
             "the guidance mesh has next to no surface", "Give a mesh with the area of a mask's front."
         )
-    return sized
+    return sized, pose
 
 
-def _best_axes(mesh: Mesh, template: Template) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """The best of the 24 rotations, and the points and normals that are visible after it."""
+def _best_axes(
+    mesh: Mesh, template: Template, deep: bool
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], bool]:
+    """The best of the 24 rotations, the points and normals that are visible after it, and whether it shows eyes."""
+    doubt = _DEEP_DOUBT if deep else _DOUBT
     views: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
     found = []
     for rotation in sorted(axis_rotations(), key=_unusual):
@@ -198,14 +246,15 @@ def _best_axes(mesh: Mesh, template: Template) -> tuple[np.ndarray, tuple[np.nda
             continue
         pose = _brought(points, normals, template, 15, 300)
         shown = _moved(mesh, _upright(pose, points), rotation)
-        score = _score(pose, points, shown, template) * _DOUBT[_unusual(rotation)]
-        found.append((score, rotation, (points, normals)))
+        score, eyed = _score(pose, points, shown, template)
+        score *= (_DOUBT if eyed else doubt)[_unusual(rotation)]
+        found.append((score, rotation, (points, normals), eyed))
     if not found:
         raise InputError(
             "the guidance mesh shows no surface from any side", "Give a mesh of at least a mask's front."
         )
-    least = min(score for score, _, _ in found)
-    return next((rotation, visible) for score, rotation, visible in found if score <= _TIE * least)
+    least = min(score for score, *_ in found)
+    return next((turn, visible, eyed) for score, turn, visible, eyed in found if score <= _TIE * least)
 
 
 def _unusual(rotation: np.ndarray) -> int:
@@ -253,9 +302,9 @@ def _brought(
     )
 
 
-def _score(pose: Similarity, points: np.ndarray, shown: Mesh, template: Template) -> float:
+def _score(pose: Similarity, points: np.ndarray, shown: Mesh, template: Template) -> tuple[float, bool]:
     """How badly a candidate suits: what the ICP left, more where it turned far, since another candidate starts nearer;
-    how unlike its mirror image it is; and with eyes, how far it stands from the template's surface.
+    how unlike its mirror image it is; with eyes, how far it stands from the template's surface.  And whether it has any.
     """
     longest = _longest(template.mesh)
     residual = pose.rms / longest * (1.0 + max(0.0, turn_deg(pose.rotation) - _TURN_DEG) / 45.0)
@@ -265,9 +314,9 @@ def _score(pose: Similarity, points: np.ndarray, shown: Mesh, template: Template
     uneven = pose.scale * _trimmed_rms(unlike) / longest
     laid = _by_eyes(shown, template)
     if laid is None:
-        return _NO_EYES * residual + uneven
+        return _NO_EYES * residual + uneven, False
     gap = _gap(laid[0], template)
-    return 0.5 * (residual + _trimmed_rms(gap - np.median(gap)) / longest) + uneven
+    return 0.5 * (residual + _trimmed_rms(gap - np.median(gap)) / longest) + uneven, True
 
 
 def _by_eyes(mesh: Mesh, template: Template) -> tuple[np.ndarray, float] | None:

@@ -79,16 +79,24 @@ class PlacedDrawing:
     shading: Shading | None = None
 
 
-def place(drawing: Drawing, template: Template, settings: PlacementSettings | None = None) -> PlacedDrawing:
+def place(
+    drawing: Drawing, template: Template, settings: PlacementSettings | None = None, at: Plane | None = None
+) -> PlacedDrawing:
     """The drawing on the template.
 
+    at : where the drawing lies already; found when None.
     Raises `InputError` when no size and place leaves room for the eye openings.
     """
     settings = settings or PlacementSettings()
     if template.body.kind != "human" and "eye_left" not in template.body.landmarks:
         raise InputError(f"body {template.body.name} has no eyes to place a mask by", "Use a head.")
-    fitting = _by_eyes(drawing, template) if len(drawing.eyes) == 2 else _by_outline(drawing, template)
-    origin, centre, pixel_mm = fitting
+    if at is not None:
+        origin = drawing.outline.mean(0)
+        centre, pixel_mm = at.to_mm(origin[None])[0], at.pixel_mm
+    elif len(drawing.eyes) == 2:
+        origin, centre, pixel_mm = _by_eyes(drawing, template)
+    else:
+        origin, centre, pixel_mm = _by_outline(drawing, template)
     pixel_mm *= settings.scale
     centre = centre + [settings.left_mm, settings.up_mm]
     notes: list[str] = []

@@ -5,16 +5,30 @@ on the face by the same rules (`placement`). Its front heights become the relief
 the rest, as far as it stands out, the detail. Along the view the mesh comes to rest on the template's floor.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
 
 from fabcraft.errors import InputError
+from fabcraft.geometry.align import Similarity
 from fabcraft.geometry.contour import level_contours, smooth
 from fabcraft.geometry.heights import front_heights, lifted_over, smoothest_over
 from fabcraft.geometry.plane import Plane
+from fabcraft.guidance.clean import cleaned
 from fabcraft.guidance.drawing import Drawing
-from fabcraft.guidance.facing import Silhouette, eye_pair, faced, silhouette, too_deep, turn_deg
+from fabcraft.guidance.facing import (
+    WORST_RESIDUAL,
+    Facing,
+    Silhouette,
+    eye_pair,
+    faced,
+    laid,
+    silhouette,
+    too_deep,
+    turn_deg,
+)
 from fabcraft.guidance.inflate import Relief, solid_mask
 from fabcraft.guidance.placement import PlacedDrawing, PlacementSettings, place
 from fabcraft.guidance.symmetry import mirror_axis
@@ -27,32 +41,62 @@ _STEEP = 2.2  # a steeper flank has too few pixels to be a height field; the she
 _NOTABLE_MM2 = 80.0
 
 
+@dataclass(frozen=True, eq=False)
+class TargetRelief:
+    """What a guidance mesh asks for."""
+
+    relief: Relief
+    notes: tuple[str, ...]
+    """What was made of it, in sentences."""
+    mesh: Mesh
+    """What was used of it, where it lies on the body, mm; where it would touch the face, the relief is before it."""
+    placed: Similarity
+    """What brought it there from its file."""
+    residual: float
+    """By how much it misses the template; see `Facing`."""
+    limit: float = WORST_RESIDUAL
+    """More than that is refused."""
+
+
 def target_relief(
-    mesh: Mesh, template: Template, settings: PlacementSettings | None = None
-) -> tuple[Relief, tuple[str, ...]]:
-    """The relief that a guidance mesh asks for, and what was made of it, in sentences.
+    mesh: Mesh,
+    template: Template,
+    settings: PlacementSettings | None = None,
+    transform: Similarity | None = None,
+    force: bool = False,
+) -> TargetRelief:
+    """The relief that a guidance mesh asks for.
 
     mesh : any scale, up axis and facing; open, closed, a double shell or several pieces.
+    transform : where its user says that it lies; found when None.  force : take one that misses the template by much.
     Raises `InputError` for a mesh without a surface, one that resembles no mask, and one without room for the eyes.
     """
     settings = settings or PlacementSettings()
     if "eye_left" not in template.body.landmarks:
         raise InputError(f"body {template.body.name} has no eyes to place a mask by", "Use a head.")
-    facing = faced(mesh, template)
+    clean = cleaned(mesh)
+    facing = (
+        faced(clean.mesh, template, force) if transform is None else laid(clean.mesh, template, transform)
+    )
+    turned = _turn(facing.pose.rotation) if transform is None else "placed by its transform"
     notes = [
-        f"The guidance mesh was {_turn(facing.turned)}; it misses the template by "
-        f"{100.0 * facing.residual:.1f} % of its size."
+        *clean.notes,
+        f"The guidance mesh was {turned}; it misses the template by {100.0 * facing.residual:.1f} % of its size.",
+        *facing.notes,
     ]
     seen = silhouette(
         facing.mesh, template, float(np.ptp(facing.mesh.vertices[:, [0, 2]], axis=0).max()) / 900.0
     )
     drawing = _drawing(seen, template, notes)
-    placed = place(drawing, template, settings)
-    heights, fine = _heights(facing.mesh, drawing, placed, seen.plane, template)
+    placed = place(drawing, template, settings, seen.plane if facing.exact else None)
+    heights, fine, pose = _heights(facing, drawing, placed, seen.plane, template)
     soft, detail = _split(heights, fine)
     sheet, plane = _sheet(soft, fine, placed.outline)
-    height = _rested(sheet, np.isfinite(sheet), plane, template, notes)
-    return Relief(placed.outline, placed.openings, plane, height, fine, detail), (*notes, *placed.notes)
+    height, forward_mm = _rested(sheet, np.isfinite(sheet), plane, template, facing.exact, notes)
+    relief = Relief(placed.outline, placed.openings, plane, height, fine, detail)
+    pose = Similarity(1.0, np.eye(3), np.array([0.0, -forward_mm, 0.0])).after(pose)
+    moved = clean.mesh.with_vertices(pose.points(clean.mesh.vertices))
+    return TargetRelief(relief, (*notes, *placed.notes), moved, pose, facing.residual)
 
 
 def _turn(rotation: np.ndarray) -> str:
@@ -125,20 +169,27 @@ def _contour(coverage: np.ndarray, pixel_mm: float) -> np.ndarray:
 
 
 def _heights(
-    mesh: Mesh, drawing: Drawing, placed: PlacedDrawing, plane: Plane, template: Template
-) -> tuple[Float64[np.ndarray, "H W"], Plane]:
-    """Front heights, mm, of the mesh laid as its outline was, on a 0.25 mm grid; -inf outside and in holes."""
+    facing: Facing, drawing: Drawing, placed: PlacedDrawing, plane: Plane, template: Template
+) -> tuple[Float64[np.ndarray, "H W"], Plane, Similarity]:
+    """Front heights, mm, of the mesh laid as its outline was, on a 0.25 mm grid, and what laid it there from its file.
+
+    The heights are -inf outside and in holes.
+    """
     scale = placed.pixel_mm / plane.pixel_mm
     # place() scales and shifts but never turns: the mean of the outline tells the shift
     shift = placed.outline.mean(0) - plane.to_mm(drawing.outline).mean(0) * scale
     fine = Plane.around(placed.outline, 0.25, 3.0)
-    heights = front_heights(mesh.with_vertices(mesh.vertices * scale + [shift[0], 0.0, shift[1]]), fine)
+    pose = Similarity(scale, np.eye(3), np.array([shift[0], 0.0, shift[1]]))
+    heights = front_heights(facing.mesh.with_vertices(pose.points(facing.mesh.vertices)), fine)
     heights = np.where(solid_mask(placed.outline, (), fine), heights, -np.inf)
     known = np.isfinite(heights)
-    x, z = fine.centres()
-    base = template.front.at(template.front.base, np.column_stack([x[known], z[known]]))
-    heights[known] += np.median(base - heights[known])
-    return np.where(too_deep(heights, fine, template), -np.inf, heights), fine
+    if not facing.exact:
+        x, z = fine.centres()
+        base = template.front.at(template.front.base, np.column_stack([x[known], z[known]]))
+        forward_mm = float(np.median(base - heights[known]))
+        heights[known] += forward_mm
+        pose = Similarity(scale, np.eye(3), pose.translation - [0.0, forward_mm, 0.0])
+    return np.where(too_deep(heights, fine, template), -np.inf, heights), fine, pose.after(facing.pose)
 
 
 def _split(
@@ -185,9 +236,14 @@ def _rested(
     known: Bool[np.ndarray, "H W"],
     plane: Plane,
     template: Template,
+    exact: bool,
     notes: list[str],
-) -> Float64[np.ndarray, "H W"]:
-    """The sheet everywhere: going on smoothly where it is unknown, as near the floor as it can be, never below it."""
+) -> tuple[Float64[np.ndarray, "H W"], float]:
+    """(the sheet everywhere: going on smoothly where it is unknown, as near the floor as it can be, never below it;
+    how far forward it was moved, mm).
+
+    exact : it stays where it is, but for what would touch the face.
+    """
     x, z = plane.centres()
     xz = np.column_stack([x.ravel(), z.ravel()])
     front = template.front
@@ -200,6 +256,8 @@ def _rested(
         shift = min(float(missing.max()), float(np.quantile(missing, 0.99)) + 2.0)
     else:
         shift = float(np.median((front.base_at(xz).reshape(x.shape) - height)[known]))
+    if exact:
+        shift = max(shift, 0.0)
     height = height + shift
     lift = lifted_over(np.zeros_like(height), floor - height, plane.pixel_mm, 3.0)
     if known.any() and lift[known].max() > 3.0:
@@ -213,7 +271,7 @@ def _rested(
             notes.append(
                 f"The guidance stands {gap:.0f} mm before the forehead, cheekbones and nose where a mask rests."
             )
-    return height + lift
+    return height + lift, shift
 
 
 def _extended(

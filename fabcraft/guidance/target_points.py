@@ -42,6 +42,8 @@ class TargetPoints:
     seed: int = 0
     weights: Mapping[str, float] = field(default_factory=lambda: {"chamfer": 25.0})
     outputs: tuple[str, ...] = ()
+    dropped: int = 0
+    """Points left out, as they lie in the body or nearer to it than its clearance."""
 
     def __post_init__(self) -> None:
         if len(self.points) == 0 or not 0.0 < self.trim <= 1.0 or self.samples < 1:
@@ -73,18 +75,21 @@ class TargetPoints:
         points = (places[:, :, None] * target.corners[faces]).sum(1)
         if body is not None:
             points = points[body.signed(points) >= clearance_mm]
+        dropped = count - len(points)
         if len(points) == 0:
             raise InputError(
                 f"the guidance mesh {target.name or ''} lies inside the body altogether",
                 "Align it with the template first.",
             )
-        return TargetPoints(Frame.of(rest).inside(points), sides, trim, count, seed, {"chamfer": weight})
+        placed = Frame.of(rest).inside(points)
+        return TargetPoints(placed, sides, trim, count, seed, {"chamfer": weight}, dropped=dropped)
 
     def describe(self) -> str:
         """One line for the report."""
         toward = {"both": "both ways", "targets": "from the targets", "object": "from the object"}[self.sides]
         kept = "" if self.trim == 1.0 else f", the nearest {100.0 * self.trim:.0f} %"
-        return f"{len(self.points)} surface points, {toward}{kept}"
+        left_out = f", {self.dropped} left out in the body or too near to it" if self.dropped else ""
+        return f"{len(self.points)} surface points, {toward}{kept}{left_out}"
 
     def losses(self, views: Views) -> dict[str, Tensor]:
         """`chamfer`, squared, in the optimiser's frame."""

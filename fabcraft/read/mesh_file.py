@@ -7,6 +7,7 @@ itself is ever opened: materials, textures and external buffers are refused.
 
 import io
 import json
+import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,13 +26,14 @@ MAX_BYTES = 500_000_000
 MAX_FACES = 5_000_000
 MAX_SIZE_MM = 1e6
 
+_SILENT = logging.NullHandler()
 FORMATS = ("stl", "obj", "ply", "glb", "gltf", "3mf")
 
 
-def read_mesh(path: Path | str, units: str | None = None) -> Mesh:
+def read_mesh(path: Path | str, units: str | None = None, largest_mm: float = MAX_SIZE_MM) -> Mesh:
     """The surface in the file `path`, mm, Z up, identical vertices merged.
 
-    units : mm, cm, m or in; overrides what the format says.
+    units : mm, cm, m or in; overrides what the format says.  largest_mm : a longer mesh is refused; its unit is wrong.
     Raises `InputError` for a file that is missing, empty, no mesh, too large, or refers to other files.
     """
     path = Path(path)
@@ -49,7 +51,7 @@ def read_mesh(path: Path | str, units: str | None = None) -> Mesh:
     if not len(faces):
         raise InputError(f"{path.name} holds no triangle with an area", "Export a mesh with faces.")
     mesh = Mesh(vertices, faces, path.stem)  # raises for coordinates that are not finite
-    if mesh.size_mm.max() > MAX_SIZE_MM:
+    if mesh.size_mm.max() > largest_mm:
         raise InputError(
             f"{path.name} would be {mesh.size_mm.max() / 1e6:.3g} km large", "Check the unit, or the export."
         )
@@ -114,14 +116,16 @@ def _read_with_trimesh(path: Path, kind: str) -> Mesh:
     """The surface in the file's own unit and axes."""
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(_SILENT)  # it prints the tracebacks of broken files otherwise
     data = path.read_bytes()
     if kind in ("glb", "gltf"):
         _check_gltf(path, data)
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(data), file_type=kind, resolver=_Sealed(), process=False, skip_materials=True
-        )
-        parts = _parts(path, scene)
+        with np.errstate(all="ignore"):  # normals of a file that are not numbers; they are not used
+            scene = trimesh.load_scene(
+                io.BytesIO(data), file_type=kind, resolver=_Sealed(), process=False, skip_materials=True
+            )
+            parts = _parts(path, scene)
     except InputError:
         raise
     except Exception as error:  # the parsers raise whatever comes up in a broken file

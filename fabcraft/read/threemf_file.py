@@ -5,6 +5,7 @@ memory.
 """
 
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,15 @@ def check_archive(path: Path) -> None:
                     "Export it again, or simplify the mesh.",
                 )
             damaged = archive.testzip()  # reads at most the announced sizes
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, ValueError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        OSError,
+        NotImplementedError,
+        RuntimeError,
+        ValueError,
+    ) as error:
         raise InputError(f"{path.name} is not a 3MF package", "Export it again.") from error
     if damaged is not None:
         raise InputError(f"{path.name} is damaged ('{damaged[:80]}')", "Export or copy it again.")

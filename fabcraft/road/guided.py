@@ -9,7 +9,8 @@ import numpy as np
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.guidance.alignment import aligned
+from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by
+from fabcraft.guidance.clean import cleaned
 from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
@@ -44,7 +45,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         settings = _settings(recipe, template)
-        guidance, route = _guidance(recipe, given, template.name, rest, distance, settings)
+        guidance, route, notes = _guidance(recipe, given, template, rest, distance, settings)
     with clock.stage("fit"):
 
         def watch(step: int, values: dict[str, float], mesh: Mesh) -> None:
@@ -72,7 +73,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         drawing=None,
         stages=(("template", rest), ("fitted", made.mesh)),
         route=(*route, _how(made)),
-        notes=tuple((False, text) for text in template.notes),
+        notes=tuple((False, text) for text in (*notes, *template.notes)),
         solid_notes=solid.notes,
         findings=tuple(_stopped(made)),
         interrupted=made.stopped.name == "INTERRUPTED",
@@ -102,12 +103,12 @@ def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
 def _guidance(
     recipe: Recipe,
     given: Given,
-    name: str,
+    template: Template,
     rest: Mesh,
     distance: SurfaceDistance,
     settings: "DeformSettings",
-) -> tuple[list["Guide"], tuple[str, ...]]:
-    """The objectives, and what they are, in lines of the route."""
+) -> tuple[list["Guide"], tuple[str, ...], tuple[str, ...]]:
+    """(the objectives, what they are, in lines of the route, notes)."""
     import torch
 
     from fabcraft.fit.render import Topology
@@ -120,14 +121,15 @@ def _guidance(
         from fabcraft.guidance.text import TextGuidance
 
         model = load_clip(recipe.encoder or DEFAULT, device_of(settings.device))
+        name = template.name
         article = "an" if name[0] in "aeiou" else "a"
         text = TextGuidance(model, recipe.text, f"{article} {name}", seed=recipe.seed)
-        return [text], (text.describe(),)
+        return [text], (text.describe(),), ()
     from fabcraft.guidance.picture import PictureGuidance, targets_of
     from fabcraft.guidance.target_points import TargetPoints
 
     assert given.goal is not None
-    goal = aligned(given.goal, rest)
+    goal, notes = goal_on(given.goal, rest, recipe, template.pair)
     inside = (
         torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float().to(device_of(settings.device))
     )
@@ -138,7 +140,16 @@ def _guidance(
         goal.mesh, rest, body=distance, clearance_mm=settings.clearance_mm, weight=100.0, seed=recipe.seed
     )
     file = Path(recipe.guidance).name
-    return [pictures, points], (f"guidance mesh {file}, {goal.words}", pictures.describe(), points.describe())
+    route = (f"guidance mesh {file}, {goal.words}", pictures.describe(), points.describe())
+    return [pictures, points], route, notes
+
+
+def goal_on(goal: Mesh, rest: Mesh, recipe: Recipe, pair: bool) -> tuple[Aligned, tuple[str, ...]]:
+    """(the recipe's guidance mesh, cleaned and brought onto the solid `rest`, notes of what was left out)."""
+    clean = cleaned(goal, single=pair)
+    placed = placed_by(recipe.guidance_transform)
+    found = aligned(clean.mesh, rest, recipe.force) if placed is None else laid_on(clean.mesh, rest, placed)
+    return found, clean.notes
 
 
 def _contacts(template: Template) -> "ContactSet | None":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.guidance.alignment import placed_by
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.guidance.inflate import Relief, inflate
 from fabcraft.guidance.photograph import read_as
@@ -122,13 +123,11 @@ def _guidance(
 ) -> tuple[Drawing | None, Relief, tuple[str, ...], list[Note]]:
     """(drawing, relief, route, notes)."""
     if given.goal is not None:
-        relief, said = target_relief(given.goal, template, recipe.placement)
-        return (
-            None,
-            relief,
-            (f"guidance mesh {Path(recipe.guidance).name}",),
-            [(False, text) for text in said],
+        made = target_relief(
+            given.goal, template, recipe.placement, placed_by(recipe.guidance_transform), recipe.force
         )
+        said = [(False, text) for text in made.notes]
+        return None, made.relief, (f"guidance mesh {Path(recipe.guidance).name}",), said
     drawing, line, notes = drawn(recipe, given)
     placed = place(drawing, template, recipe.placement)
     relief = inflate(placed, template, recipe.inflate)

@@ -11,12 +11,14 @@ from fabcraft.body.body import Body
 from fabcraft.body.measures import MEASURES, sided, tapes
 from fabcraft.body.tape import Tape
 from fabcraft.errors import InputError
+from fabcraft.mesh import Mesh
 from fabcraft.write.camera import VIEWS, Camera, View, camera_for
 from fabcraft.write.colours import BODY
 from fabcraft.write.picture import Item, scene_picture
 from fabcraft.write.sheet import INK, PAPER, contact_sheet
 
 SIZE = (820, 710)
+_CLOSE = (560, 560)
 _PANELS = (("bust", "head"), ("hand_left", "hand_right"), ("foot_left", "foot_right"))
 """Of each group the first part that the body has is shown."""
 _DOT, _LINE, _LEADER = (190, 38, 42), (20, 60, 150), (128, 134, 142)
@@ -30,6 +32,13 @@ def body_picture(body: Body) -> UInt8[np.ndarray, "H W 3"]:
         parts = [body, *parts]
     views = [_marked(part, view, lines) for part in parts for view in _views(part)]
     return contact_sheet(views, columns=2)
+
+
+def beside_body(body: Body, mesh: Mesh) -> UInt8[np.ndarray, "H W 3"]:
+    """How `mesh` lies on `body`: from the front, from the left and from between, as large as the mesh."""
+    items = [Item(body.mesh, BODY, gloss=0.1), Item(mesh)]
+    views = [VIEWS["front"], VIEWS["side"], VIEWS["three_quarter"]]
+    return contact_sheet([scene_picture(items, view, _CLOSE, frame_on=mesh) for view in views], columns=3)
 
 
 def _first(body: Body, names: tuple[str, ...]) -> Body | None:

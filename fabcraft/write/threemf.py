@@ -11,6 +11,7 @@ import io
 import re
 import uuid
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -165,5 +166,5 @@ def _read_part(path: str | Path, part: str) -> str | None:
             return package.read(part).decode("utf-8")
     except FileNotFoundError as error:
         raise InputError(f"{path} does not exist", "Check the path.") from error
-    except (OSError, zipfile.BadZipFile, UnicodeDecodeError) as error:
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path} is not a readable 3MF: {error}", "Write it again.") from error
