@@ -8,6 +8,7 @@ import numpy as np
 
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
+from fabcraft.fit.presets import PRESETS, Baseline, DeformSettings, baseline, for_text
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import aligned
 from fabcraft.judge import worn_solid
@@ -24,7 +25,6 @@ from fabcraft.template.template import Template
 if TYPE_CHECKING:
     from fabcraft.fit.body_terms import ContactSet
     from fabcraft.fit.deform import Deformed
-    from fabcraft.fit.presets import DeformSettings
     from fabcraft.fit.views import Guide
 
 SHEET_WALL_MM = 4.0
@@ -40,46 +40,65 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     from fabcraft.fit.deform import deform
 
     with clock.stage("template"):
-        template, rest = _rest(recipe, body)
+        template, rest = rest_of(recipe, body)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
-        settings = _settings(recipe, template)
-        guidance, route = _guidance(recipe, given, template.name, rest, distance, settings)
+        row = _method(recipe, template)
+        settings = row.settings
+        locked = template.locked if row.locked and template.kind == "solid" else None
+        guidance: list["Guide"] = []
+        if row.base == "guidance":
+            assert given.goal is not None
+            goal = aligned(given.goal, rest)
+            rest, locked, route = goal.mesh, None, (f"the guidance mesh itself, {goal.words}",)
+        elif row.guided == "nothing":
+            route = ("the template itself",)
+        else:
+            guidance, route = _guidance(recipe, given, template.name, rest, distance, settings)
     with clock.stage("fit"):
+        stages = [("template", rest)]
+        shown = [settings.steps * quarter // 4 for quarter in (1, 2, 3)] if settings.steps >= 8 else []
 
         def watch(step: int, values: dict[str, float], mesh: Mesh) -> None:
+            if step in shown:
+                stages.append((f"step {step}", mesh))
             if clock.tell is not None:
                 clock.tell("fit: views", step, settings.steps)
 
-        contacts = _contacts(template)
         made = deform(
             rest,
-            body=distance,
-            contacts=contacts,
+            body=distance if row.body else None,
+            contacts=contacts_of(template) if row.body else None,
             guidance=guidance,
             settings=settings,
-            locked=template.locked if template.kind == "solid" else None,
+            locked=locked,
             watch=watch,
         )
+        stages.append(("fitted", made.mesh))
     with clock.stage("solid"):
-        least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
-        solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
-        one, object_ = finished(solid.mesh, template, recipe)
+        notes: tuple[str, ...] = ()
+        if recipe.method in ("", "ours"):
+            least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
+            solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
+            one, notes = solid.mesh, solid.notes
+        else:  # what is compared is measured as its loop leaves it
+            one, recipe = made.mesh, replace(recipe, strap_slots=False)
+        one, object_ = finished(one, template, recipe)
     return Shaped(
         template=template,
         object=object_,
         worn=worn_solid(one, template, distance),
         drawing=None,
-        stages=(("template", rest), ("fitted", made.mesh)),
+        stages=tuple(stages),
         route=(*route, _how(made)),
         notes=tuple((False, text) for text in template.notes),
-        solid_notes=solid.notes,
+        solid_notes=notes,
         findings=tuple(_stopped(made)),
         interrupted=made.stopped.name == "INTERRUPTED",
     )
 
 
-def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
+def rest_of(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
     """The template, and the closed solid that is deformed."""
     if recipe.template == "mask":
         template = mask(body, asked_wall_mm(recipe) or SHEET_WALL_MM)
@@ -88,15 +107,17 @@ def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
     return template, as_solid(template)
 
 
-def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
-    from fabcraft.fit.presets import PRESETS, for_text
-
+def _method(recipe: Recipe, template: Template) -> Baseline:
+    """What is deformed towards what, and how: by the recipe's method, preset and number of steps."""
     chosen = PRESETS[recipe.preset]
-    if recipe.text:
-        chosen = for_text(chosen)
+    row = baseline(recipe.method or "ours", for_text(chosen) if recipe.text and not recipe.method else chosen)
     least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
-    chosen = replace(chosen, seed=recipe.seed, clearance_mm=max(least, 0.0))
-    return replace(chosen, device=recipe.device) if recipe.device else chosen
+    settings = replace(row.settings, seed=recipe.seed, clearance_mm=max(least, 0.0))
+    if recipe.device:
+        settings = replace(settings, device=recipe.device)
+    if recipe.steps and settings.steps:
+        settings = replace(settings, steps=recipe.steps)
+    return replace(row, settings=settings)
 
 
 def _guidance(
@@ -105,7 +126,7 @@ def _guidance(
     name: str,
     rest: Mesh,
     distance: SurfaceDistance,
-    settings: "DeformSettings",
+    settings: DeformSettings,
 ) -> tuple[list["Guide"], tuple[str, ...]]:
     """The objectives, and what they are, in lines of the route."""
     import torch
@@ -141,7 +162,7 @@ def _guidance(
     return [pictures, points], (f"guidance mesh {file}, {goal.words}", pictures.describe(), points.describe())
 
 
-def _contacts(template: Template) -> "ContactSet | None":
+def contacts_of(template: Template) -> "ContactSet | None":
     """The skin that the template rests on, with its rules; None where there is none."""
     from fabcraft.fit.body_terms import ContactSet
 
