@@ -117,7 +117,9 @@ class Recipe:
         if self.method not in ("", "direct"):
             baseline(self.method)
         if not 0 <= self.steps <= MOST_STEPS:
-            raise InputError(f"{self.steps} steps were asked", f"Choose 1 to {MOST_STEPS}, or 0 for the preset's.")
+            raise InputError(
+                f"{self.steps} steps were asked", f"Choose 1 to {MOST_STEPS}, or 0 for the preset's."
+            )
         if self.wall_mm and not WALL_MM[0] <= self.wall_mm <= WALL_MM[1]:
             raise InputError(
                 f"a wall of {self.wall_mm} mm was asked",

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fabcraft import __version__
-from fabcraft.errors import FabcraftError, InputError, MissingError
+from fabcraft.errors import FabcraftError, MissingError
 from fabcraft.evaluate.metrics import clip_metrics, fit_metrics, likeness_metrics
 from fabcraft.evaluate.reference import Reference, guidance_mesh, guidance_recipe, reference_of
 from fabcraft.evaluate.suite import TEXT_METHODS, Design, drawing_of
@@ -77,7 +77,7 @@ class Cell:
 
 def recipe_for(method: str, design: Design, options: Options, guidance: Path) -> Recipe:
     """What makes the cell: the method with the input that it reads."""
-    given: dict[str, str]
+    given: dict[str, Any]
     if method == "direct":
         given = drawing_of(design)
     elif method in TEXT_METHODS:
@@ -125,7 +125,7 @@ def cell_of(method: str, design: Design, options: Options, tell: Tell | None = N
     Raises `KeyboardInterrupt` when it is stopped, `InputError` when the output refuses.
     """
     start = time.perf_counter()
-    said = {"method": method, "design": design.name, "title": design.title}
+    said: dict[str, Any] = {"method": method, "design": design.name, "title": design.title}
     key, folder = "", ""
     try:
         guidance = guidance_of(design, options)
@@ -142,12 +142,29 @@ def cell_of(method: str, design: Design, options: Options, tell: Tell | None = N
         _draw(made, options.out / folder)
         cell = Cell(**said, key=key, folder=folder, metrics=metrics, seconds=_since(start))
     except MissingError as error:
-        return Cell(**said, key=key, folder="", metrics={}, seconds=0.0, error=error.message, next_step=error.next_step, missing=True)
+        return Cell(
+            **said,
+            key=key,
+            folder="",
+            metrics={},
+            seconds=0.0,
+            error=error.message,
+            next_step=error.next_step,
+            missing=True,
+        )
     except FabcraftError as error:
         if not folder:
             raise
         seconds = _since(start)
-        cell = Cell(**said, key=key, folder=folder, metrics={}, seconds=seconds, error=error.message, next_step=error.next_step)
+        cell = Cell(
+            **said,
+            key=key,
+            folder=folder,
+            metrics={},
+            seconds=seconds,
+            error=error.message,
+            next_step=error.next_step,
+        )
     _keep(options.out / folder, cell)
     return cell
 

@@ -91,7 +91,9 @@ def clip_metrics(mesh: Mesh, prompt: str, model: "ClipModel") -> dict[str, float
     middle = mesh.bounds.mean(0)
     radius = float(np.linalg.norm(mesh.vertices - middle, axis=1).max())
     points = torch.from_numpy((mesh.vertices - middle) / radius).float()
-    cameras = [orbit((0.0, 0.0, 0.0), 3.2, one.azimuth_deg, one.elevation_deg, 40.0, 224) for one in fixed_views()]
+    cameras = [
+        orbit((0.0, 0.0, 0.0), 3.2, one.azimuth_deg, one.elevation_deg, 40.0, 224) for one in fixed_views()
+    ]
     with torch.no_grad():
         images = render(points, Topology.of(mesh.faces), cameras, ("shaded", "mask"))
         seen = model.encode_images(images.of("shaded"), images.of("mask"))

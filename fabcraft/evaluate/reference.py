@@ -56,9 +56,14 @@ def guidance_recipe(design: Design) -> Recipe | None:
     if design.shape:
         return None
     wall = SHEET_WALL_MM if design.template == "mask" else 0.0
-    drawing = drawing_of(design)
     return Recipe(
-        template=design.template, body=design.made_for, preset="draft", strap_slots=False, wall_mm=wall, **drawing
+        template=design.template,
+        body=design.made_for,
+        preset="draft",
+        method="direct",
+        strap_slots=False,
+        wall_mm=wall,
+        **drawing_of(design),
     )
 
 

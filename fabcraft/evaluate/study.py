@@ -64,7 +64,7 @@ def items_of(cells: Sequence[Cell], prompts: Mapping[str, str], out: Path, seed:
             shown[index].method,
             shown[index].design,
             prompts[shown[index].design],
-            tuple((out / shown[index].folder / f"{name}.png").read_bytes() for name in ("worn", "other")),  # type: ignore[arg-type]
+            tuple((out / shown[index].folder / f"{name}.png").read_bytes() for name in ("worn", "other")),
         )
         for index, code in zip(order, codes, strict=True)
     )
@@ -97,7 +97,8 @@ def read_key(path: Path) -> dict[str, tuple[str, str]]:
         return {str(code): (str(method), str(design)) for code, (method, design) in table.items()}
     except (ValueError, AttributeError, TypeError):
         raise InputError(
-            f"{path} is no key of a study", "Give the study-key.json that was written beside the page (--key)."
+            f"{path} is no key of a study",
+            "Give the study-key.json that was written beside the page (--key).",
         ) from None
 
 
@@ -132,7 +133,9 @@ def read_results(path: Path, key: Mapping[str, tuple[str, str]]) -> tuple[Answer
                 )
             answers[answer.participant, answer.code] = answer
     except csv.Error as error:
-        raise InputError(f"{path}, line {rows.line_num}: {error}", "Give the CSV that the page saved.") from None
+        raise InputError(
+            f"{path}, line {rows.line_num}: {error}", "Give the CSV that the page saved."
+        ) from None
     if not answers:
         raise InputError(f"{path} has no answers", f"Give the CSV that the page saved: {','.join(COLUMNS)}.")
     return tuple(answers.values())
@@ -145,10 +148,13 @@ def _answer(line: list[str], where: str, key: Mapping[str, tuple[str, str]]) -> 
         )
     participant, code, *said = (part.strip() for part in line)
     if code not in key:
-        raise InputError(f"{where}: there is no picture '{code[:20]}' in the key", "Give the key of this study (--key).")
+        raise InputError(
+            f"{where}: there is no picture '{code[:20]}' in the key", "Give the key of this study (--key)."
+        )
     if not all(part.isascii() and part.isdigit() and LOWEST <= int(part[:3]) <= HIGHEST for part in said):
         raise InputError(
-            f"{where}: the scores are {', '.join(said)[:60]}", f"Whole numbers from {LOWEST} to {HIGHEST} were expected."
+            f"{where}: the scores are {', '.join(said)[:60]}",
+            f"Whole numbers from {LOWEST} to {HIGHEST} were expected.",
         )
     return Answer(participant, code, tuple(map(int, said)))
 
@@ -172,7 +178,9 @@ class Score:
     """Bounds of the 95 % interval; equal to the mean with one participant, who says nothing about others."""
 
 
-def analysis(answers: Sequence[Answer], key: Mapping[str, tuple[str, str]], seed: int = 0) -> list[dict[str, Any]]:
+def analysis(
+    answers: Sequence[Answer], key: Mapping[str, tuple[str, str]], seed: int = 0
+) -> list[dict[str, Any]]:
     """A row for every method: participants, answers, and the score of every question."""
     rows = []
     for method in dict.fromkeys(method for method, _ in key.values()):
@@ -180,7 +188,9 @@ def analysis(answers: Sequence[Answer], key: Mapping[str, tuple[str, str]], seed
         if not mine:
             continue
         people = sorted({answer.participant for answer in mine})
-        means = np.array([np.mean([a.scores for a in mine if a.participant == one], axis=0) for one in people])
+        means = np.array(
+            [np.mean([a.scores for a in mine if a.participant == one], axis=0) for one in people]
+        )
         scores = {name: score(means[:, index], seed) for index, name in enumerate(QUESTIONS)}
         told = {name: {"mean": one.mean, "low": one.low, "high": one.high} for name, one in scores.items()}
         rows.append({"method": method, "participants": len(people), "answers": len(mine), **told})

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import fabcraft
 from fabcraft.errors import InputError, MissingError
@@ -66,9 +66,13 @@ SUITE = (
     Design("cat-mask", "mask", "a cat mask", "cat-mask.png"),
     Design("heart-glasses", "glasses", "heart glasses", "objects/glasses.png", "child", reading="object"),
     Design("flower-bangle", "bangle", "a flower bangle", "objects/bangle.png", reading="object"),
-    Design("spiked-helmet", "helmet", "a helmet with spikes", "objects/helmet.png", "child", reading="object"),
+    Design(
+        "spiked-helmet", "helmet", "a helmet with spikes", "objects/helmet.png", "child", reading="object"
+    ),
     Design("crown-visor", "visor", "a crown visor", "objects/visor.png", reading="object"),
-    Design("heart-necklace", "necklace", "a heart necklace", "objects/necklace.png", "child", reading="object"),
+    Design(
+        "heart-necklace", "necklace", "a heart necklace", "objects/necklace.png", "child", reading="object"
+    ),
     Design("star-ring", "ring", "a star ring", "objects/star.png"),
     Design("bunny-slippers", "slippers", "bunny slippers", "bunny.png", "child"),
     Design("butterfly-mask", "mask", "a butterfly mask", "butterfly.png", "child"),
@@ -101,7 +105,7 @@ JOINT = (
 """Guidance that is too thin, and guidance without an opening."""
 
 
-def drawing_of(design: Design) -> dict[str, str]:
+def drawing_of(design: Design) -> dict[str, Any]:
     """The drawing of a design, as fields of a recipe.  Raises `MissingError` where the repository's examples are not."""
     path = Path(fabcraft.__file__).parents[1] / "examples" / design.example
     if not path.is_file():
@@ -122,7 +126,9 @@ def chosen(only: Sequence[str], quick: bool) -> list[tuple[str, Design]]:
     def asked(method: str, design: Design) -> bool:
         # a design that is named is meant, also where only a few are looked at quickly
         usual = not quick or design.name in QUICK
-        return any(one in ("", method) and (name == design.name or (not name and usual)) for one, name in wanted)
+        return any(
+            one in ("", method) and (name == design.name or (not name and usual)) for one, name in wanted
+        )
 
     return [(method, design) for design in SUITE for method in METHODS if asked(method, design)]
 

@@ -52,7 +52,9 @@ class Row:
 
 def rows_of(cells: Sequence[Cell]) -> tuple[Row, ...]:
     """A row for every method that has a cell, in the table's order."""
-    return tuple(_row(method, mine) for method in METHODS if (mine := [c for c in cells if c.method == method]))
+    return tuple(
+        _row(method, mine) for method in METHODS if (mine := [c for c in cells if c.method == method])
+    )
 
 
 def _row(method: str, cells: Sequence[Cell]) -> Row:
@@ -79,7 +81,11 @@ def comparison(cells: Sequence[Cell]) -> dict[str, float]:
     if not pairs:
         return found
     for name in ("pen_rms_mm", "pen_volume_mm3", "contact_rms_mm", "paper_Dp", "paper_Dc"):
-        both = [(float(a.metrics[name]), float(b.metrics[name])) for a, b in pairs if name in a.metrics and name in b.metrics]
+        both = [
+            (float(a.metrics[name]), float(b.metrics[name]))
+            for a, b in pairs
+            if name in a.metrics and name in b.metrics
+        ]
         ours, without = (float(np.mean(side)) for side in zip(*both, strict=True)) if both else (0.0, 0.0)
         if ours > 0.0:
             found[f"{name}_times_smaller"] = without / ours

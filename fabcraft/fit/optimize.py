@@ -126,8 +126,9 @@ def fit(
     if not settings.deformed:
         sheet = direct(rims, relief, template.edge_mm)
         stages.append(("direct", sheet))
-        found = (template, relief, {}, tuple(stages), Stop.STEPS, 0.0, 0, 0.0, True, settings)
-        return Design(sheet, sheet, *found)
+        nothing: dict[str, list[float]] = {}
+        still = (Stop.STEPS, 0.0, 0, 0.0, True)  # no step, push, remeshing or laying
+        return Design(sheet, sheet, template, relief, nothing, tuple(stages), *still, settings)
 
     def raised(flat: PlaneMesh, height: Callable[[np.ndarray], np.ndarray]) -> Mesh:
         return Mesh(

@@ -12,7 +12,6 @@ from typing import Literal
 
 from fabcraft.errors import InputError
 
-
 MOST_STEPS = 100_000
 """Of a run."""
 
@@ -218,7 +217,8 @@ LOSSES = ("none", "contact", "penetration", "both")
 def baseline(name: str, settings: DeformSettings | None = None) -> Baseline:
     """A row of the comparison by name; the two TextDeformers run on the paper's constants.
 
-    Only "ours" locks the faces that meet the body, and is settled and pushed out: the others are measured as their loop leaves them.
+    Only "ours" locks the faces that meet the body, and is settled and pushed out: the others are measured as
+    their loop leaves them.
     Raises `InputError` for an unknown name.
     """
     chosen = settings or PRESETS["standard"]

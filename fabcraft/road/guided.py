@@ -47,6 +47,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         settings = row.settings
         locked = template.locked if row.locked and template.kind == "solid" else None
         guidance: list["Guide"] = []
+        route: tuple[str, ...]
         if row.base == "guidance":
             assert given.goal is not None
             goal = aligned(given.goal, rest)
