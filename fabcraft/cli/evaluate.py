@@ -45,7 +45,7 @@ def evaluate(
     output
         Folder for everything.
     quick
-        Two designs with few steps: to see that it runs, not to compare.
+        One design with few steps: to see that it runs, not to compare.
     only
         METHOD, DESIGN or METHOD/DESIGN, again for more; the figures then show what there is.
     preset

@@ -220,11 +220,14 @@ def _draw(made: Made, folder: Path) -> None:
     views = views_towards(motifs[0].outward) if motifs else VIEWS
     side = views["three_quarter"]
     other = View(side.azimuth_deg - 80.0, side.elevation_deg)
+    inside = (
+        views["back"] if made.template.kind == "sheet" else side
+    )  # a ring shows its inner side through its hole
     limit = MAP_MM * made.template.scale
     pictures = {
         "worn": worn_picture(made.template, made.object, size=SIZE),
         "other": worn_picture(made.template, made.object, other, SIZE),
-        "map": penetration_map(made.object, made.clearance_mm, views["back"], SIZE, limit_mm=limit),
+        "map": penetration_map(made.object, made.clearance_mm, inside, SIZE, limit_mm=limit),
     }
     if made.recipe.method == "ours":
         stages = [*made.stages, ("object", made.object)]

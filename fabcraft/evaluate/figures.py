@@ -15,7 +15,7 @@ from jaxtyping import UInt8
 from fabcraft.check.slicer import ask_slicer
 from fabcraft.evaluate.cells import SIZE, Cell
 from fabcraft.evaluate.layers import bounds_of, layer_picture, read_layers
-from fabcraft.evaluate.suite import ABLATION, BODIES, JOINT, STAR, SUITE, TARGETS, WORDS, Design
+from fabcraft.evaluate.suite import ABLATION, BODIES, JOINT, SUITE, TARGETS, WORDS, Design
 from fabcraft.profile import load_profile
 from fabcraft.read.image_file import read_image
 from fabcraft.read.mesh_file import read_mesh
@@ -45,7 +45,7 @@ class Figure:
 def extra_cells(quick: bool) -> list[tuple[str, Design]]:
     """What the figures need besides the table."""
     if quick:
-        return [(method, STAR) for method in ABLATION]
+        return []
     ablated = next(design for design in SUITE if design.name == ABLATED)
     more = [(method, ablated) for method in ABLATION]
     more += [("ours", design) for design in (*TARGETS, *BODIES) if design not in SUITE]
@@ -62,11 +62,10 @@ class Shot(NamedTuple):
     """The cell's own title where it is empty."""
 
 
-def figures(cells: Sequence[Cell], out: Path, quick: bool) -> tuple[Figure, ...]:
+def figures(cells: Sequence[Cell], out: Path) -> tuple[Figure, ...]:
     """All figures of the paper that the cells give."""
     found = {(cell.method, cell.design): cell for cell in cells}
     suite = [design.name for design in SUITE if ("ours", design.name) in found]
-    ablated = STAR.name if quick else ABLATED
     evolved = [
         name for name in (*EVOLVED, *suite) if ("ours", name) in found and not found["ours", name].error
     ]
@@ -76,17 +75,20 @@ def figures(cells: Sequence[Cell], out: Path, quick: bool) -> tuple[Figure, ...]
         if all(cell.error for cell, _ in there):
             why = "; ".join(sorted({cell.error for cell, _ in there}))
             return Figure(name, title, caption, None, why or "its cells were not asked for")
+        if len(shots) > len(there) == 1:
+            return Figure(name, title, caption, None, "there is nothing to compare with")
         pictures = [_picture(cell, shot.picture, out) for cell, shot in there]
         labels = [shot.label or cell.title for cell, shot in there]
-        return Figure(
-            name, title, caption, contact_sheet(pictures, labels, columns=min(columns, len(pictures)))
-        )
+        if columns == 1:  # a strip has labels of its own
+            return Figure(name, title, f"{caption[:-1]}: {labels[0]}.", pictures[0])
+        sheet = contact_sheet(pictures, labels, columns=min(columns, len(pictures)))
+        return Figure(name, title, caption, sheet)
 
     def told(method: str, design: str, picture: str = "worn") -> Shot:
         return Shot(method, design, picture, f"{WORDS[method]}: {design.replace('-', ' ')}")
 
     def measured(method: str, picture: str) -> Shot:
-        return Shot(method, ablated, picture, WORDS[method] + _numbers(found.get((method, ablated))))
+        return Shot(method, ABLATED, picture, WORDS[method] + _numbers(found.get((method, ABLATED))))
 
     joint = [(method, design.name) for design in JOINT for method in ("guidance", "guidance+body", "ours")]
     return (
@@ -141,6 +143,7 @@ def figures(cells: Sequence[Cell], out: Path, quick: bool) -> tuple[Figure, ...]
             "Evolution",
             "From the template to the object.",
             [Shot("ours", name, "evolution") for name in evolved[:1]],
+            1,
         ),
         _sliced(found, out),
     )

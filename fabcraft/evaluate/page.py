@@ -17,9 +17,10 @@ p { margin: 4px 0 12px; max-width: 80ch; color: #525964; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; background: #fff; font-variant-numeric: tabular-nums; }
 th, td { padding: 7px 12px; border-bottom: 1px solid #e4e7eb; text-align: right; vertical-align: bottom; }
+td { white-space: nowrap; }
 th { font-weight: 600; font-size: 13px; } td:first-child, th:first-child { text-align: left; white-space: nowrap; }
 tr.ours td { background: #eaf2fb; font-weight: 600; }
-td.note { text-align: left; color: #8a5a00; font-weight: 400; }
+td.note { text-align: left; white-space: normal; color: #8a5a00; font-weight: 400; }
 img { max-width: 100%; border: 1px solid #e4e7eb; border-radius: 8px; background: #fff; }
 .why { color: #8a5a00; } dt { font-weight: 600; } dd { margin: 0 0 6px; }
 """

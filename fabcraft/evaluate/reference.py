@@ -19,7 +19,6 @@ from fabcraft.pipeline import make
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import evened
 from fabcraft.road.guided import SHEET_WALL_MM, rest_of
-from fabcraft.template.template import Template
 from fabcraft.wearer import find_body
 
 THIN_MM = 0.35
@@ -30,9 +29,6 @@ THIN_MM = 0.35
 class Reference:
     """The fixed side of a comparison, mm."""
 
-    template: Template
-    rest: Mesh
-    """The placed template as a closed solid."""
     body: SurfaceDistance
     contacts: Float64[np.ndarray, "C 3"] | None
     gaps_mm: Float64[np.ndarray, " C"] | float
@@ -48,7 +44,7 @@ def reference_of(design: Design, guidance: Mesh) -> Reference:
     template, rest = rest_of(Recipe(template=design.template), find_body(design.body))
     body = SurfaceDistance(template.body.mesh)
     worn = worn_solid(rest, template, body)
-    return Reference(template, rest, body, worn.contacts, worn.gaps_mm, aligned(guidance, rest).mesh)
+    return Reference(body, worn.contacts, worn.gaps_mm, aligned(guidance, rest).mesh)
 
 
 def guidance_recipe(design: Design) -> Recipe | None:

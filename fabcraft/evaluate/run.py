@@ -25,6 +25,7 @@ from fabcraft.evaluate.page import page_html
 from fabcraft.evaluate.study import items_of, key_json, study_page
 from fabcraft.evaluate.suite import BODIES, JOINT, SUITE, TARGETS, Design, chosen
 from fabcraft.evaluate.table import Row, comparison, markdown, rows_of
+from fabcraft.recipe import Recipe
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.picture import png_bytes
 from fabcraft.write.places import require_places
@@ -78,13 +79,14 @@ def evaluate(
 ) -> Evaluation:
     """Compute or find every cell, and write everything under `options.out`.
 
-    quick : two designs with few steps, to see that it runs.  only : METHOD, DESIGN or METHOD/DESIGN; figures then show what
+    quick : one design with few steps, to see that it runs.  only : METHOD, DESIGN or METHOD/DESIGN; figures then show what
     there is.  jobs : processes that compute cells at the same time.
     Raises `InputError` for an unknown name or a place that refuses, before the long work.
     """
     start = time.perf_counter()
     if not 1 <= jobs <= MOST_JOBS:
         raise InputError(f"{jobs} jobs were asked", f"Choose 1 to {MOST_JOBS}.")
+    Recipe(steps=options.steps, preset=options.preset)  # refuses what no cell could be made with
     table = chosen(only, quick)
     if quick:
         options = replace(options, preset="draft", steps=options.steps or QUICK_STEPS)
@@ -94,7 +96,7 @@ def evaluate(
     cells = _computed(asked, options, jobs, told)
     rows = rows_of(cells[: len(table)])
     compared = comparison(cells[: len(table)])
-    drawn = figures(cells, options.out, quick)
+    drawn = figures(cells, options.out)
     files = _written(options, quick, rows, compared, cells, len(table), drawn)
     return Evaluation(rows, compared, cells, drawn, files, time.perf_counter() - start)
 
@@ -163,6 +165,9 @@ def _written(
     }
     data = {name: text.encode() for name, text in texts.items()}
     data |= {f"figures/{name}.png": png for name, png in pngs.items()}
+    for one in drawn:
+        if one.picture is None:  # of an earlier run: the page says that it is not there
+            (out / f"figures/{one.name}.png").unlink(missing_ok=True)
     for name, content in data.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(out / name, content)
