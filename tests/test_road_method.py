@@ -1,18 +1,11 @@
 """What a recipe's `method` does, on the road of the views."""
 
 import pytest
-from worn import torus
 
-from fabcraft.body.human import human
 from fabcraft.errors import InputError
 from fabcraft.fit.presets import LOSSES, PRESETS, ablations, baseline
 from fabcraft.pipeline import make
-from fabcraft.profile import load_profile
-from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe, recipe_of
-from fabcraft.road.guided import shape_guided
-from fabcraft.road.shaped import Clock, Given
-from fabcraft.write.files import write_mesh
 
 
 def test_the_ablations_are_methods_too():
@@ -56,12 +49,3 @@ def test_a_method_with_another_input_is_refused(method, given, wanted):
     with pytest.raises(InputError, match=f"the method {method} was asked with a") as caught:
         make(Recipe(template="ring", method=method, **given))
     assert wanted in caught.value.next_step
-
-
-def test_the_guidance_itself_is_measured_as_it_is(tmp_path):
-    path = write_mesh(tmp_path / "goal.ply", torus(10.0, 1.5, 96, 24))
-    recipe = Recipe(template="ring", guidance=str(path), method="guidance", preset="draft")
-    given = Given(goal=read_mesh(path))
-    made = shape_guided(recipe, given, human("man"), load_profile("prusa-mk4"), Clock({}, None))
-    assert len(made.object.faces) == 2 * 96 * 24  # neither deformed nor made solid anew
-    assert "the guidance mesh itself" in made.route[0]

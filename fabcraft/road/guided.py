@@ -8,15 +8,16 @@ import numpy as np
 
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
-from fabcraft.fit.presets import PRESETS, Baseline, DeformSettings, baseline, for_text
+from fabcraft.fit import presets
+from fabcraft.fit.presets import Baseline, DeformSettings, baseline, for_text
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import aligned
 from fabcraft.judge import worn_solid
-from fabcraft.mesh import Mesh
+from fabcraft.mesh import Mesh, concatenate
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import as_solid, built
-from fabcraft.road.shaped import Clock, Given, Shaped, finished
+from fabcraft.road.shaped import Clock, Given, Shaped, finished, mirrored
 from fabcraft.road.sheet import asked_wall_mm
 from fabcraft.solid.thicken import SolidSettings, solidify
 from fabcraft.template.mask import mask
@@ -81,10 +82,11 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         if recipe.method in ("", "ours"):
             least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
             solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
-            one, notes = solid.mesh, solid.notes
+            notes = solid.notes
+            one, object_ = finished(solid.mesh, template, recipe)
         else:  # what is compared is measured as its loop leaves it
-            one, recipe = made.mesh, replace(recipe, strap_slots=False)
-        one, object_ = finished(one, template, recipe)
+            one = made.mesh
+            object_ = concatenate([one, mirrored(one)], one.name) if template.pair else one
     return Shaped(
         template=template,
         object=object_,
@@ -110,7 +112,7 @@ def rest_of(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
 
 def _method(recipe: Recipe, template: Template) -> Baseline:
     """What is deformed towards what, and how: by the recipe's method, preset and number of steps."""
-    chosen = PRESETS[recipe.preset]
+    chosen = presets.PRESETS[recipe.preset]
     row = baseline(recipe.method or "ours", for_text(chosen) if recipe.text and not recipe.method else chosen)
     least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
     settings = replace(row.settings, seed=recipe.seed, clearance_mm=max(least, 0.0))
