@@ -288,3 +288,32 @@ def test_the_judge_is_the_encoder_that_is_named_or_none(tmp_path, monkeypatch):
 
 def test_without_any_cell_every_figure_says_why(tmp_path):
     assert all(one.picture is None and one.why for one in figures((), tmp_path))
+
+
+def test_a_defect_in_one_cell_is_said_and_tried_again(kitchen):
+    kitchen.raises = TypeError("no such thing")
+    found = cell_of("ours", STAR, kitchen.options)
+    assert (
+        "defect in fabcraft: TypeError: no such thing" in found.error
+        and "FABCRAFT_TRACEBACK" in found.next_step
+    )
+    kitchen.raises = None
+    assert not cell_of("ours", STAR, kitchen.options).error
+
+
+def test_guidance_that_cannot_be_made_costs_its_own_cells_alone(kitchen, monkeypatch):
+    def broken(design):
+        raise SolidError("it has no inside", "Close it.")
+
+    monkeypatch.setattr(room, "guidance_mesh", broken)
+    found = cell_of("ours", STAR, kitchen.options)
+    assert found.error == "it has no inside" and not found.folder and kitchen.calls == 0
+
+
+def test_a_run_that_is_stopped_says_how_to_go_on(pretended, monkeypatch, capsys):
+    def stopped(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "cell_of", stopped)
+    assert main(["evaluate", "-o", str(pretended)]) == 130
+    assert "the same command goes on" in capsys.readouterr().err

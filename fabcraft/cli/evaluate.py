@@ -85,7 +85,11 @@ def evaluate(
             say(f"{done} of {whole}: {WORDS[cell.method]}, {cell.title}: {how}")
 
     options = Options(out, preset, steps, seed, encoder, judge_of(encoder))
-    found = run(options, quick=quick, only=only, jobs=jobs, told=told)
+    try:
+        found = run(options, quick=quick, only=only, jobs=jobs, told=told)
+    except KeyboardInterrupt:
+        say(f"stopped; the cells that are done are kept in {out}: the same command goes on from there")
+        return 130
     if json:
         result_json(found.to_dict())
         return 0

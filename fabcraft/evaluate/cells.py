@@ -7,6 +7,7 @@ same, is the same. `cell.json` is written last, so a folder without it is a cell
 import functools
 import hashlib
 import json
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -153,18 +154,19 @@ def cell_of(method: str, design: Design, options: Options, tell: Tell | None = N
             missing=True,
         )
     except FabcraftError as error:
-        if not folder:
+        told: dict[str, Any] = {"error": error.message, "next_step": error.next_step}
+        cell = Cell(**said, key=key, folder=folder, metrics={}, seconds=_since(start), **told)
+        if not folder:  # its guidance mesh could not be made
+            return cell
+    except Exception as error:
+        if os.environ.get("FABCRAFT_TRACEBACK"):
             raise
-        seconds = _since(start)
-        cell = Cell(
-            **said,
-            key=key,
-            folder=folder,
-            metrics={},
-            seconds=seconds,
-            error=error.message,
-            next_step=error.next_step,
-        )
+        # a night's work must not end at one cell; it is tried again the next time
+        told = {
+            "error": f"this is a defect in fabcraft: {type(error).__name__}: {error}",
+            "next_step": "Run that cell alone (--only) with FABCRAFT_TRACEBACK=1 to see where, and report that.",
+        }
+        return Cell(**said, key=key, folder="", metrics={}, seconds=_since(start), **told)
     _keep(options.out / folder, cell)
     return cell
 

@@ -22,6 +22,7 @@ from fabcraft.errors import InputError
 from fabcraft.evaluate.cells import Cell, Options, cell_of
 from fabcraft.evaluate.figures import Figure, extra_cells, figures
 from fabcraft.evaluate.page import page_html
+from fabcraft.evaluate.reference import guidance_recipe
 from fabcraft.evaluate.study import items_of, key_json, study_page
 from fabcraft.evaluate.suite import BODIES, JOINT, SUITE, TARGETS, Design, chosen
 from fabcraft.evaluate.table import Row, comparison, markdown, rows_of
@@ -93,6 +94,8 @@ def evaluate(
     require_places([options.out / "table.json"])
     options.out.mkdir(parents=True, exist_ok=True)
     asked = list(dict.fromkeys([*table, *(() if only else extra_cells(quick))]))
+    for _, design in asked:
+        guidance_recipe(design)  # refuses a drawing that is not there
     cells = _computed(asked, options, jobs, told)
     rows = rows_of(cells[: len(table)])
     compared = comparison(cells[: len(table)])
