@@ -110,7 +110,7 @@ def key_of(recipe: Recipe, guidance: Path, *more: str) -> str:
 def guidance_of(design: Design, options: Options) -> Path:
     """The design's guidance mesh as a file under the output, made if it is not there yet."""
     recipe = guidance_recipe(design)
-    drawn = b"" if recipe is None else Path(recipe.sketch).read_bytes()
+    drawn = Path(recipe.sketch).read_bytes() if recipe is not None and recipe.sketch else b""
     told = repr(design) if recipe is None else recipe_toml(recipe)
     key = hashlib.sha256(f"{SCHEMA} {__version__} {told}".encode() + drawn).hexdigest()
     path = options.out / "guidance" / f"{design.name.partition('@')[0]}-{key[:12]}.ply"
