@@ -12,9 +12,10 @@ import numpy as np
 from fabcraft.backends.ask import Consent, answered, refuse
 from fabcraft.body.body import Body
 from fabcraft.body.contacts import read_contacts, with_contacts
-from fabcraft.check.inspect import Inspection, inspect_mesh
+from fabcraft.check.inspect import Inspection, Worn, inspect_mesh
 from fabcraft.check.report import Finding, PrintReport
 from fabcraft.errors import InputError
+from fabcraft.fit.presets import baseline
 from fabcraft.guidance.drawing import Drawing
 from fabcraft.mesh import Mesh
 from fabcraft.plate import on_skin, prepare, size_words
@@ -54,6 +55,8 @@ class Made:
     inspection: Inspection
     clearance_mm: np.ndarray
     """(V,) signed distance of the object's vertices to the body."""
+    worn: Worn
+    """What the object is held to on its body."""
     interrupted: bool
     """The fit was stopped early; the best so far was used."""
 
@@ -115,6 +118,7 @@ def make(recipe: Recipe, tell: Tell | None = None, consent: Consent = refuse) ->
         drawing=shaped.drawing,
         inspection=replace(inspection, report=report),
         clearance_mm=clearance,
+        worn=shaped.worn,
         interrupted=shaped.interrupted,
     )
 
@@ -159,8 +163,9 @@ def _said(shaped: Shaped, body: Body) -> list[Finding]:
 
 def _road(recipe: Recipe, given: Given) -> Callable[[Recipe, Given, Body, PrinterProfile, Clock], Shaped]:
     """From the input to the object: by the drawing, by the motif, or by views from all sides."""
+    compared = recipe.method not in ("", "direct")
     through_views = given.drawing is None and not recipe.sketch
-    if through_views and (recipe.text or recipe.template != "mask"):
+    if compared or (through_views and (recipe.text or recipe.template != "mask")):
         return shape_guided
     return shape_sheet if recipe.template == "mask" else shape_motif
 
@@ -180,4 +185,11 @@ def _require_one_input(recipe: Recipe) -> None:
         raise InputError(
             f"{what} was given; one of them was expected",
             "Give --sketch FILE, --guidance MESH or --text WORDS.",
+        )
+    wanted = {"": given[0], "direct": "sketch"}.get(recipe.method) or (
+        "text" if baseline(recipe.method).guided == "text" else "guidance"
+    )
+    if given[0] != wanted:
+        raise InputError(
+            f"the method {recipe.method} was asked with a {given[0]}", f"Give --{wanted} for that method."
         )

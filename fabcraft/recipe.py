@@ -17,6 +17,7 @@ from typing import Any, Literal, get_args
 import msgspec
 
 from fabcraft.errors import InputError
+from fabcraft.fit.presets import MOST_STEPS, baseline
 from fabcraft.guidance.inflate import InflateSettings
 from fabcraft.guidance.placement import PlacementSettings
 from fabcraft.solid.plate_settings import PlateSettings
@@ -103,6 +104,11 @@ class Recipe:
     go beside the first."""
     preset: Literal["draft", "standard"] = "standard"
     """How patiently to fit and how finely to build."""
+    steps: int = 0
+    """Steps of a fit towards a guidance mesh or a text; 0 is the preset's."""
+    method: str = ""
+    """A method to compare with (`fabcraft evaluate`): direct, template, guidance, guidance+body, no-body-loss, ...; what
+    fabcraft does when left out."""
     seed: int = 0
     """Of everything random."""
     device: Literal["", "cpu", "cuda", "auto"] = ""
@@ -147,6 +153,12 @@ class Recipe:
             )
         if self.preset not in (presets := ("draft", "standard")):
             raise InputError(f"preset '{self.preset}' was asked", f"Choose one of: {', '.join(presets)}.")
+        if self.method not in ("", "direct"):
+            baseline(self.method)
+        if not 0 <= self.steps <= MOST_STEPS:
+            raise InputError(
+                f"{self.steps} steps were asked", f"Choose 1 to {MOST_STEPS}, or 0 for the preset's."
+            )
         if self.wall_mm and not WALL_MM[0] <= self.wall_mm <= WALL_MM[1]:
             raise InputError(
                 f"a wall of {self.wall_mm} mm was asked",

@@ -81,3 +81,35 @@ def test_words_without_weights_say_what_to_run(short, tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
     with pytest.raises(MissingError, match="fabcraft weights fetch"):
         shaped(text="a ring with thorns")
+
+
+def test_a_baseline_is_handed_over_as_its_loop_leaves_it(short):
+    goal = lumpy(torus(9.6, 1.8, around=60, across=16))  # too narrow for the finger
+    free = shaped(Given(goal=goal), guidance="goal.stl", method="no-body-loss", steps=20)
+    fitted = shaped(Given(goal=goal), guidance="goal.stl", method="ours", steps=20)
+    assert [label for label, _ in free.stages] == ["template", "step 5", "step 10", "step 15", "fitted"]
+    assert free.object.vertices.tobytes() == free.stages[-1][1].vertices.tobytes()
+    assert (
+        free.worn.body.signed(free.object.vertices).min()
+        < fitted.worn.body.signed(fitted.object.vertices).min()
+    )
+    assert fitted.worn.body.signed(fitted.object.vertices).min() > -0.05
+
+
+def test_the_template_and_the_guidance_are_measured_as_they_are(short):
+    goal = lumpy(torus(10.4, 1.8, around=96, across=24))
+    still = shaped(Given(goal=goal), guidance="goal.stl", method="template")
+    np.testing.assert_allclose(still.object.vertices, RING.vertices)
+    raw = shaped(Given(goal=goal), guidance="goal.stl", method="guidance")
+    assert len(raw.object.faces) == 2 * 96 * 24  # neither deformed nor made solid anew
+    assert "the guidance mesh itself" in raw.route[0]
+
+
+@pytest.mark.parametrize("method", ["textdeformer", "body-aware-textdeformer"])
+def test_words_are_a_method_with_any_encoder(short, monkeypatch, tmp_path, method):
+    few = replace(presets.PRESETS["paper"], views=2, bank=8, pixels=64)
+    monkeypatch.setattr(presets, "PRESETS", {**presets.PRESETS, "paper": few})
+    encoder = str(tiny_clip.save(tmp_path))
+    made = shaped(text="a star ring", encoder=encoder, method=method, steps=3)
+    assert "text 'a star ring', away from 'a ring'" in made.route[0]
+    assert not np.allclose(made.object.vertices, RING.vertices, atol=1e-4)

@@ -1,5 +1,5 @@
-"""The command line: `fabcraft make | check | solid | guidance | subjects | printers | bodies | templates | weights |
-backends`.
+"""The command line: `fabcraft make | check | solid | guidance | subjects | evaluate | printers | bodies | templates |
+weights | backends`.
 
 Results go to stdout, progress and errors to stderr; `--json` prints the report alone. Exit codes:
 0 printable, 1 made but the report has a failure, 2 usage or unreadable input, 3 something needed is absent,
@@ -19,6 +19,7 @@ from fabcraft.cli.backends import backends
 from fabcraft.cli.catalogue import PLAIN, bodies
 from fabcraft.cli.check import check
 from fabcraft.cli.console import drop_stdout, say
+from fabcraft.cli.evaluate import evaluate
 from fabcraft.cli.guidance import guidance
 from fabcraft.cli.make import make
 from fabcraft.cli.printers import printers
@@ -52,7 +53,7 @@ app = App(
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # it has a sentence and a code of its own here
 )
-_COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance, subjects)
+_COMMANDS: tuple[Callable[..., int], ...] = (make, check, solid, guidance, subjects, evaluate)
 for position, function in enumerate(_COMMANDS):
     app.command(function, sort_key=position, help_epilogue="")
 for group in (bodies, printers, templates, weights, backends):

@@ -36,6 +36,8 @@ Watch = Callable[[str, int, int, Mesh], None]
 class FitSettings:
     """How the fit runs."""
 
+    deformed: bool = True
+    """Deform the template; if not, the sheet is the direct baseline's, for a comparison."""
     flat_steps: int = 200
     """Steps of the flat stage."""
     lifted_steps: int = 150
@@ -121,6 +123,12 @@ def fit(
     solid = solid_mask(relief.outline, relief.openings, plane)
     rims = rim_targets(solid, plane, len(template.openings), 0.5 * template.wall_mm)
     stages = [("template", template.mesh)]
+    if not settings.deformed:
+        sheet = direct(rims, relief, template.edge_mm)
+        stages.append(("direct", sheet))
+        nothing: dict[str, list[float]] = {}
+        still = (Stop.STEPS, 0.0, 0, 0.0, True)  # no step, push, remeshing or laying
+        return Design(sheet, sheet, template, relief, nothing, tuple(stages), *still, settings)
 
     def raised(flat: PlaneMesh, height: Callable[[np.ndarray], np.ndarray]) -> Mesh:
         return Mesh(

@@ -12,6 +12,9 @@ from typing import Literal
 
 from fabcraft.errors import InputError
 
+MOST_STEPS = 100_000
+"""Of a run."""
+
 
 @dataclass(frozen=True)
 class DeformWeights:
@@ -100,7 +103,7 @@ class DeformSettings:
     def __post_init__(self) -> None:
         counts = {"steps": self.steps, "views": self.views, "bank": self.bank, "chunk": self.chunk}
         for name, value in counts.items():
-            if not (0 if name == "steps" else 1) <= value <= 100_000:
+            if not (0 if name == "steps" else 1) <= value <= MOST_STEPS:
                 raise InputError(f"{name} = {value} was asked", "Choose 1 to 100000 (steps may be 0).")
         if self.views > self.bank:
             raise InputError(
@@ -189,6 +192,8 @@ class Baseline:
     body: bool
     """Whether the body counts: hand body and contacts to `deform` only then."""
     settings: DeformSettings
+    locked: bool = False
+    """Whether the template's faces that meet the body keep their shape: the paper has no such thing."""
 
 
 BASELINES: Mapping[
@@ -205,26 +210,34 @@ BASELINES: Mapping[
     }
 )
 """The rows of the paper's table: base mesh, guidance, body."""
+LOSSES = ("none", "contact", "penetration", "both")
+"""The paper's ablation of the body's terms; as baselines `loss-none` and so on: "ours" with these alone, not settled."""
 
 
 def baseline(name: str, settings: DeformSettings | None = None) -> Baseline:
     """A row of the comparison by name; the two TextDeformers run on the paper's constants.
 
-    Only "ours" is settled and pushed out: the others are measured as their loop leaves them.
+    Only "ours" locks the faces that meet the body, and is settled and pushed out: the others are measured as
+    their loop leaves them.
     Raises `InputError` for an unknown name.
     """
-    if name not in BASELINES:
-        raise InputError(f"no baseline '{name}'", f"Choose one of {', '.join(BASELINES)}.")
-    base, guided, body = BASELINES[name]
     chosen = settings or PRESETS["standard"]
+    kept = name.removeprefix("loss-")
+    if kept in LOSSES and name != kept:
+        return Baseline(name, "template", "picture", True, ablations(chosen)[kept])
+    if name not in BASELINES:
+        known = (*BASELINES, *(f"loss-{one}" for one in LOSSES))
+        raise InputError(f"no baseline '{name}'", f"Choose one of {', '.join(known)}.")
+    base, guided, body = BASELINES[name]
     if guided == "text":
         chosen = replace(for_text(PRESETS["paper"]), seed=chosen.seed, chunk=chosen.chunk)
+    ours = name == "ours"
     if name in ("template", "guidance"):
         chosen = replace(chosen, steps=0)
     if not body:
         weights = replace(chosen.weights, contact=0.0, penetration=0.0)
         chosen = replace(chosen, weights=weights, fit_after=1.0)
-    return Baseline(name, base, guided, body, replace(chosen, settle=name == "ours" and chosen.settle))
+    return Baseline(name, base, guided, body, replace(chosen, settle=ours and chosen.settle), ours)
 
 
 def ablations(settings: DeformSettings) -> dict[str, DeformSettings]:

@@ -67,7 +67,7 @@ def built(
             "Say its unit (--template-units).",
         )
     if even:
-        mesh = _even(mesh)
+        mesh = evened(mesh)
     genus = to_manifold(mesh).genus()
     template = own(mesh, placed, part, own_settings, like, genus=genus, notes=(*notes, *told))
     wall_mm = measure_thickness(template.mesh, _WALL_MM, limit_mm=_WALL_LIMIT_MM).min_mm
@@ -171,7 +171,7 @@ def _moved(mesh: Mesh, placed: Similarity) -> Mesh:
     return mesh.with_vertices(placed.points(mesh.vertices))
 
 
-def _even(mesh: Mesh) -> Mesh:
+def evened(mesh: Mesh) -> Mesh:
     """The mesh in even triangles, its creases kept."""
     edge = float(np.sqrt(4.0 / np.sqrt(3.0) * mesh.area_mm2 / _EVEN_FACES))
     try:

@@ -8,15 +8,17 @@ import numpy as np
 
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
+from fabcraft.fit import presets
+from fabcraft.fit.presets import Baseline, DeformSettings, baseline, for_text
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by
 from fabcraft.guidance.clean import cleaned
 from fabcraft.judge import worn_solid
-from fabcraft.mesh import Mesh
+from fabcraft.mesh import Mesh, concatenate
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import as_solid, built
-from fabcraft.road.shaped import Clock, Given, Shaped, finished
+from fabcraft.road.shaped import Clock, Given, Shaped, finished, mirrored
 from fabcraft.road.sheet import asked_wall_mm
 from fabcraft.solid.thicken import SolidSettings, solidify
 from fabcraft.template.mask import mask
@@ -25,7 +27,6 @@ from fabcraft.template.template import Template
 if TYPE_CHECKING:
     from fabcraft.fit.body_terms import ContactSet
     from fabcraft.fit.deform import Deformed
-    from fabcraft.fit.presets import DeformSettings
     from fabcraft.fit.views import Guide
 
 SHEET_WALL_MM = 4.0
@@ -41,46 +42,68 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     from fabcraft.fit.deform import deform
 
     with clock.stage("template"):
-        template, rest = _rest(recipe, body)
+        template, rest = rest_of(recipe, body)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
-        settings = _settings(recipe, template)
-        guidance, route, notes = _guidance(recipe, given, template, rest, distance, settings)
+        row = _method(recipe, template)
+        settings = row.settings
+        locked = template.locked if row.locked and template.kind == "solid" else None
+        guidance: list["Guide"] = []
+        route: tuple[str, ...]
+        said: tuple[str, ...] = ()
+        if row.base == "guidance":
+            assert given.goal is not None
+            goal, said = goal_on(given.goal, rest, recipe, template.pair)
+            rest, locked, route = goal.mesh, None, (f"the guidance mesh itself, {goal.words}",)
+        elif row.guided == "nothing":
+            route = ("the template itself",)
+        else:
+            guidance, route, said = _guidance(recipe, given, template, rest, distance, settings)
     with clock.stage("fit"):
+        stages = [("template", rest)]
+        shown = [settings.steps * quarter // 4 for quarter in (1, 2, 3)] if settings.steps >= 8 else []
 
         def watch(step: int, values: dict[str, float], mesh: Mesh) -> None:
+            if step in shown:
+                stages.append((f"step {step}", mesh))
             if clock.tell is not None:
                 clock.tell("fit: views", step, settings.steps)
 
-        contacts = _contacts(template)
         made = deform(
             rest,
-            body=distance,
-            contacts=contacts,
+            body=distance if row.body else None,
+            contacts=contacts_of(template) if row.body else None,
             guidance=guidance,
             settings=settings,
-            locked=template.locked if template.kind == "solid" else None,
+            locked=locked,
             watch=watch,
         )
+        stages.append(("fitted", made.mesh))
     with clock.stage("solid"):
-        least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
-        solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
-        one, object_ = finished(solid.mesh, template, recipe)
+        notes: tuple[str, ...] = ()
+        if recipe.method in ("", "ours"):
+            least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
+            solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
+            notes = solid.notes
+            one, object_ = finished(solid.mesh, template, recipe)
+        else:  # what is compared is measured as its loop leaves it
+            one = made.mesh
+            object_ = concatenate([one, mirrored(one)], one.name) if template.pair else one
     return Shaped(
         template=template,
         object=object_,
         worn=worn_solid(one, template, distance),
         drawing=None,
-        stages=(("template", rest), ("fitted", made.mesh)),
+        stages=tuple(stages),
         route=(*route, _how(made)),
-        notes=tuple((False, text) for text in (*notes, *template.notes)),
-        solid_notes=solid.notes,
+        notes=tuple((False, text) for text in (*said, *template.notes)),
+        solid_notes=notes,
         findings=tuple(_stopped(made)),
         interrupted=made.stopped.name == "INTERRUPTED",
     )
 
 
-def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
+def rest_of(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
     """The template, and the closed solid that is deformed."""
     if recipe.template == "mask":
         template = mask(body, asked_wall_mm(recipe) or SHEET_WALL_MM)
@@ -89,15 +112,17 @@ def _rest(recipe: Recipe, body: Body) -> tuple[Template, Mesh]:
     return template, as_solid(template)
 
 
-def _settings(recipe: Recipe, template: Template) -> "DeformSettings":
-    from fabcraft.fit.presets import PRESETS, for_text
-
-    chosen = PRESETS[recipe.preset]
-    if recipe.text:
-        chosen = for_text(chosen)
+def _method(recipe: Recipe, template: Template) -> Baseline:
+    """What is deformed towards what, and how: by the recipe's method, preset and number of steps."""
+    chosen = presets.PRESETS[recipe.preset]
+    row = baseline(recipe.method or "ours", for_text(chosen) if recipe.text and not recipe.method else chosen)
     least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
-    chosen = replace(chosen, seed=recipe.seed, clearance_mm=max(least, 0.0))
-    return replace(chosen, device=recipe.device) if recipe.device else chosen
+    settings = replace(row.settings, seed=recipe.seed, clearance_mm=max(least, 0.0))
+    if recipe.device:
+        settings = replace(settings, device=recipe.device)
+    if recipe.steps and settings.steps:
+        settings = replace(settings, steps=recipe.steps)
+    return replace(row, settings=settings)
 
 
 def _guidance(
@@ -106,7 +131,7 @@ def _guidance(
     template: Template,
     rest: Mesh,
     distance: SurfaceDistance,
-    settings: "DeformSettings",
+    settings: DeformSettings,
 ) -> tuple[list["Guide"], tuple[str, ...], tuple[str, ...]]:
     """(the objectives, what they are, in lines of the route, notes)."""
     import torch
@@ -152,7 +177,7 @@ def goal_on(goal: Mesh, rest: Mesh, recipe: Recipe, pair: bool) -> tuple[Aligned
     return found, clean.notes
 
 
-def _contacts(template: Template) -> "ContactSet | None":
+def contacts_of(template: Template) -> "ContactSet | None":
     """The skin that the template rests on, with its rules; None where there is none."""
     from fabcraft.fit.body_terms import ContactSet
 

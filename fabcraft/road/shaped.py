@@ -68,8 +68,12 @@ def finished(solid: Mesh, template: Template, recipe: Recipe) -> tuple[Mesh, Mes
     one = with_straps(solid, template.straps if recipe.strap_slots else ())
     if not template.pair:
         return one, one
-    other = Mesh(one.vertices * [-1.0, 1.0, 1.0], one.faces[:, ::-1].copy(), one.name)
-    return one, to_mesh(to_manifold(one) + to_manifold(other), one.name)
+    return one, to_mesh(to_manifold(one) + to_manifold(mirrored(one)), one.name)
+
+
+def mirrored(one: Mesh) -> Mesh:
+    """The other one of a pair."""
+    return Mesh(one.vertices * [-1.0, 1.0, 1.0], one.faces[:, ::-1].copy(), one.name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,8 @@ def fitted(
     from fabcraft.fit.optimize import PRESETS as FIT_PRESETS
     from fabcraft.fit.optimize import fit
 
-    settings = replace(FIT_PRESETS[recipe.preset], seed=recipe.seed)
+    deformed = recipe.method != "direct"
+    settings = replace(FIT_PRESETS[recipe.preset], seed=recipe.seed, deformed=deformed)
     if recipe.device:
         settings = replace(settings, device=recipe.device)
 
@@ -106,6 +107,8 @@ def stopped(design: "Design") -> list[Finding]:
 
 def how(design: "Design", unit: str = "mm", units_per_mm: float = 1.0) -> tuple[str, str]:
     """The fit, in two lines of the route."""
+    if not design.settings.deformed:
+        return "not fitted", "outline and height taken as drawn: the direct baseline"
     if design.outline_direct:
         outline = "meshed from the drawing, as the direct baseline: the fitted one would have folded"
     else:

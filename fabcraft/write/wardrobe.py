@@ -25,7 +25,7 @@ def wardrobe_picture(
     for row, name in enumerate(names):
         for column, body in enumerate(bodies):
             one = worn[column][row]
-            cells.append(_reason(one) if isinstance(one, str) else worn_picture(*one))
+            cells.append(reason_cell(one) if isinstance(one, str) else worn_picture(*one))
             labels.append(f"{name}, {body}")
     return contact_sheet(cells, labels, columns=len(bodies))
 
@@ -40,17 +40,17 @@ def worn_picture(
     return scene_picture(items, view or seen["three_quarter"], size, frame_on=frame)
 
 
-def _reason(text: str) -> UInt8[np.ndarray, "H W 3"]:
+def reason_cell(text: str, size: tuple[int, int] = SIZE) -> UInt8[np.ndarray, "H W 3"]:
     """An empty cell with the reason in it."""
-    cell = Image.new("RGB", SIZE, PAPER)
+    cell = Image.new("RGB", size, PAPER)
     draw, font = ImageDraw.Draw(cell), ImageFont.load_default(14)
     lines, line = [], ""
     for word in text.split():
-        if line and font.getlength(f"{line} {word}") > SIZE[0] - 40:
+        if line and font.getlength(f"{line} {word}") > size[0] - 40:
             lines.append(line)
             line = word
         else:
             line = f"{line} {word}".strip()
-    middle = (SIZE[0] / 2, SIZE[1] / 2)
+    middle = (size[0] / 2, size[1] / 2)
     draw.multiline_text(middle, "\n".join([*lines, line]), INK, font, anchor="mm", align="center")
     return np.asarray(cell)

@@ -1,0 +1,87 @@
+"""`Reference`: what all methods of one design are held against: the placed template, its contacts, the aligned guidance.
+
+The contacts are the skin that the placed template touches, with the gaps that it has there, the same for every method:
+the paper's table gives each row contacts of its own, and so cannot be read down a column.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float64
+
+from fabcraft.evaluate.suite import Design, drawing_of
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.guidance.alignment import aligned
+from fabcraft.judge import worn_solid
+from fabcraft.mesh import Mesh
+from fabcraft.pipeline import make
+from fabcraft.recipe import Recipe
+from fabcraft.road.base import evened
+from fabcraft.road.guided import SHEET_WALL_MM, rest_of
+from fabcraft.wearer import find_body
+
+THIN_MM = 0.35
+"""Radius of the thin bangle's tube."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The fixed side of a comparison, mm."""
+
+    body: SurfaceDistance
+    contacts: Float64[np.ndarray, "C 3"] | None
+    gaps_mm: Float64[np.ndarray, " C"] | float
+    goal: Mesh
+    """The guidance mesh, aligned with the template."""
+
+
+def reference_of(design: Design, guidance: Mesh) -> Reference:
+    """The fixed side of `design`, for its guidance mesh as it was made.
+
+    Raises `InputError` where the body cannot wear it, or the guidance resembles the template too little.
+    """
+    template, rest = rest_of(Recipe(template=design.template), find_body(design.body))
+    body = SurfaceDistance(template.body.mesh)
+    worn = worn_solid(rest, template, body)
+    return Reference(body, worn.contacts, worn.gaps_mm, aligned(guidance, rest).mesh)
+
+
+def guidance_recipe(design: Design) -> Recipe | None:
+    """What makes the guidance mesh of a design; None for one that is a shape of its own."""
+    if design.shape:
+        return None
+    wall = SHEET_WALL_MM if design.template == "mask" else 0.0
+    return Recipe(
+        template=design.template,
+        body=design.made_for,
+        preset="draft",
+        method="direct",
+        strap_slots=False,
+        wall_mm=wall,
+        **drawing_of(design),
+    )
+
+
+def guidance_mesh(design: Design) -> Mesh:
+    """The guidance mesh: the drawing as an object for another body, in even triangles; one of a pair."""
+    recipe = guidance_recipe(design)
+    if recipe is None:
+        return _shape(design)
+    made = make(recipe)
+    return evened(made.worn.object or made.object)
+
+
+def _shape(design: Design) -> Mesh:
+    """A guidance mesh that no drawing gives: the template's wire, or its size as a closed ball."""
+    _, rest = rest_of(Recipe(template=design.template), find_body(design.made_for))
+    if design.shape == "closed helmet":
+        ball = trimesh.creation.icosphere(4)
+        half = 0.5 * rest.size_mm
+        return Mesh(ball.vertices * half + rest.bounds.mean(0), ball.faces.astype(np.int32), design.shape)
+    middle = rest.vertices.mean(0)
+    axes = np.linalg.svd(rest.vertices - middle, full_matrices=False)[2]  # the last is the bangle's axis
+    axes[2] *= np.linalg.det(axes)
+    radius = float(np.linalg.norm((rest.vertices - middle) @ axes[:2].T, axis=1).mean())
+    wire = trimesh.creation.torus(radius, THIN_MM, major_sections=160, minor_sections=12)
+    return Mesh(wire.vertices @ axes + middle, wire.faces.astype(np.int32), design.shape)
