@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from fabcraft.check.rays import Rays
+from fabcraft.geometry.rays import Rays
 from fabcraft.check.thickness import measure_thickness
 from fabcraft.mesh import Mesh, concatenate
 

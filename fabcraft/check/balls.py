@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fabcraft.check.rays import Rays
+from fabcraft.geometry.rays import Rays
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
 

@@ -29,7 +29,7 @@ from fabcraft.check.balls import (
     stopped_by_edge,
     tangent_balls,
 )
-from fabcraft.check.rays import Rays
+from fabcraft.geometry.rays import Rays
 from fabcraft.check.thin import ThinRegion, thin_regions, thinnest
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh

@@ -17,7 +17,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).parents[up]) for up in (1, 2)]
 
 import igl
 import numpy as np
@@ -147,10 +147,11 @@ def apart(seconds: float, name: str, *arguments) -> str:
     return text
 
 
-def table(profile: PrinterProfile, only: str, peers: bool, seconds: float) -> None:
+def table(profile: PrinterProfile, only: list[str], peers: bool, seconds: float) -> None:
+    """The table of one profile, row by row as they come."""
     print(f"\n{profile.name}: wall {profile.wall_mm:g} mm\n{HEAD}", flush=True)
     for name, build in all_nasty().items():
-        if only in name:
+        if not only or any(word in name for word in only):
             print(apart(seconds, name, build, profile.wall_mm, ours), flush=True)
             for peer, make in PEERS.items() if peers else ():
                 print(apart(seconds, f"  {peer}", build, profile.wall_mm, make), flush=True)
@@ -159,7 +160,7 @@ def table(profile: PrinterProfile, only: str, peers: bool, seconds: float) -> No
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("profiles", nargs="*", default=PROFILES)
-    parser.add_argument("--only", default="", help="names that hold this word")
+    parser.add_argument("--only", nargs="*", default=[], help="names that hold one of these words")
     parser.add_argument("--peers", action="store_true")
     parser.add_argument("--seconds", type=float, default=120.0, help="most time for one mesh")
     given = parser.parse_args()
