@@ -135,6 +135,19 @@ def size_findings(state: Printability, profile: PrinterProfile) -> list[Finding]
     ]
 
 
+def file_findings(faces: int, profile: PrinterProfile) -> list[Finding]:
+    """Whether a service takes a file of so many triangles, counted as binary STL: 84 bytes and 50 for each."""
+    found = []
+    megabytes = round((84 + 50 * faces) / 1e6, 1)
+    for value, limit, unit in ((faces, profile.max_faces, "faces"), (megabytes, profile.max_file_mb, "MB")):
+        if limit is not None and value > limit:
+            advice = "Services refuse larger files: make it with fewer triangles (a larger simplify_mm, a coarser preset)."
+            found.append(
+                Finding(check="file", severity="fail", value=value, limit=limit, unit=unit, advice=advice)
+            )
+    return found
+
+
 def turn_to_fit(mesh: Mesh, build_mm: tuple[float, float, float]) -> float | None:
     """The smallest turn about z, in steps of 1 degree, whose box fits the bed; None when none does."""
     if mesh.size_mm[2] > build_mm[2] + _FIT_MM:

@@ -16,7 +16,7 @@ from fabcraft.geometry.columns import support_columns
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.solid.orient import oriented
-from fabcraft.solid.support import support_of
+from fabcraft.geometry.support import support_of
 from fabcraft.write.files import write_mesh
 
 MK4 = load_profile("prusa-mk4")
