@@ -291,7 +291,9 @@ def all_nasty() -> dict[str, Callable[[], Nasty]]:
         ),
         "overlapping parts": lambda: Nasty(
             concatenate([box(20, 20, 20), moved(box(20, 20, 20), 11, 3, 2), moved(ball(9), -10, 5, 5)]),
-            truth=cut(box(20, 20, 20), moved(box(20, 20, 20), 11, 3, 2), moved(ball(9), -10, 5, 5), how="union"),
+            truth=cut(
+                box(20, 20, 20), moved(box(20, 20, 20), 11, 3, 2), moved(ball(9), -10, 5, 5), how="union"
+            ),
         ),
         "glasses": lambda: Nasty(glasses(), genus=None),
         "double shell 0.4": lambda: Nasty(
@@ -318,7 +320,9 @@ def all_nasty() -> dict[str, Callable[[], Nasty]]:
             concatenate([box(10, 10, 10), moved(box(10, 10, 10), 10, 10, 0)]), parts=None
         ),
         "a fin on an edge": lambda: Nasty(fin(), full=((0.0, 0.0, 0.0), (10.0, 0.0, 10.0))),
-        "an inner wall": lambda: Nasty(divided(), truth=box(20, 20, 20), full=((5.0, 0.0, 0.0), (-5.0, 0.0, 0.0))),
+        "an inner wall": lambda: Nasty(
+            divided(), truth=box(20, 20, 20), full=((5.0, 0.0, 0.0), (-5.0, 0.0, 0.0))
+        ),
         "boxes on one face": lambda: Nasty(
             concatenate([box(10, 20, 20), moved(box(10, 20, 20), 10, 0, 0)]),
             full=((5.0, 0.0, 0.0),),
@@ -338,12 +342,16 @@ def all_nasty() -> dict[str, Callable[[], Nasty]]:
         "paper-thin plate": lambda: Nasty(box(40, 30, 0.05), full=((0.0, 0.0, 0.0),)),
         "flat on itself": lambda: Nasty(box(40, 30, 1.0).transformed(np.diag([1, 1, 0, 1.0]))),
         "nested cavities": lambda: Nasty(
-            concatenate([ball(20), inverted(ball(14)), ball(8)]), parts=2, genus=None, empty=((11.0, 0.0, 0.0),)
+            concatenate([ball(20), inverted(ball(14)), ball(8)]),
+            parts=2,
+            genus=None,
+            empty=((11.0, 0.0, 0.0),),
         ),
         "knife edge": lambda: Nasty(
             Mesh(
                 np.array(
-                    [[0, 0, 0], [30, 0, -3], [30, 0, 3], [0, 20, 0], [30, 20, -3], [30, 20, 3]], dtype=np.float64
+                    [[0, 0, 0], [30, 0, -3], [30, 0, 3], [0, 20, 0], [30, 20, -3], [30, 20, 3]],
+                    dtype=np.float64,
                 ),
                 np.array(
                     [[0, 1, 2], [3, 5, 4], [0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 3], [2, 3, 0]],
@@ -362,13 +370,14 @@ def all_nasty() -> dict[str, Callable[[], Nasty]]:
         ),
         "crumbs": lambda: Nasty(crumbs(), truth=box(20, 20, 20)),
         "far away": lambda: Nasty(
-            moved(torus(), 5e4, 5e4, 5e4), genus=1, truth=moved(torus(), 5e4, 5e4, 5e4), empty=((5e4, 5e4, 5e4),)
+            moved(torus(), 5e4, 5e4, 5e4),
+            genus=1,
+            truth=moved(torus(), 5e4, 5e4, 5e4),
+            empty=((5e4, 5e4, 5e4),),
         ),
         "balls that touch": lambda: Nasty(concatenate([ball(10), moved(ball(10), 20, 0, 0)]), parts=None),
         "one triangle": lambda: Nasty(
             Mesh(np.array([[0.0, 0, 0], [20, 0, 0], [0, 20, 0]]), np.array([[0, 1, 2]], dtype=np.int32))
         ),
-        "solid into a head": lambda: Nasty(
-            torus(62, 5, 96, 24), genus=1, body=head()
-        ),
+        "solid into a head": lambda: Nasty(torus(62, 5, 96, 24), genus=1, body=head()),
     }

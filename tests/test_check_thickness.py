@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from fabcraft.geometry.rays import Rays
 from fabcraft.check.thickness import measure_thickness
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh, concatenate
 
 

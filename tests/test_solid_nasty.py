@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from nasty import all_nasty, box, needles, soup, t_junctions, torus
+from nasty import all_nasty, box, soup, t_junctions, torus
 
 from fabcraft.check.thickness import measure_thickness
 from fabcraft.check.topology import inspect_topology
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.mesh import concatenate
 from fabcraft.solid.patches import Kind, pieces
 from fabcraft.solid.repair import repair
 from fabcraft.solid.stitch import without_t_junctions
@@ -55,9 +54,3 @@ def test_soup_with_noise_is_welded_into_one_closed_surface():
 def test_a_fin_is_a_sheet_and_its_block_a_solid():
     found = pieces(all_nasty()["a fin on an edge"]().mesh, WALL_MM)
     assert [(piece.kind, len(piece.mesh.faces)) for piece in found] == [(Kind.SOLID, 12), (Kind.SHEET, 2)]
-
-
-def test_needles_that_are_thick_pass_through():
-    shape = needles()
-    made = solidify(concatenate([shape]), SolidSettings(wall_mm=0.5)).mesh
-    assert made.volume_mm3 == pytest.approx(shape.volume_mm3, rel=1e-3)

@@ -64,7 +64,9 @@ def measure_gaps(
             found.append((None, none))
             continue
         order = narrow[np.argsort(air.values_mm[narrow], kind="stable")]
-        found.append((thinnest(air.values_mm[narrow], air.areas[narrow]), air.points[_apart(air.points, order)]))
+        found.append(
+            (thinnest(air.values_mm[narrow], air.areas[narrow]), air.points[_apart(air.points, order)])
+        )
     (between, between_places), (within, within_places) = found
     return Gaps(between, within, between_places, within_places)
 

@@ -222,9 +222,7 @@ def _wall(mesh: Mesh, profile: PrinterProfile, ledger: _Ledger) -> "Thickness":
 def _gaps(mesh: Mesh, topology: "Topology", profile: PrinterProfile, ledger: _Ledger) -> None:
     from fabcraft.check.gap import gap_findings, measure_gaps
 
-    gaps = measure_gaps(
-        mesh, topology.part_of_face, profile.clearance_moving_mm, profile.min_engrave_mm
-    )
+    gaps = measure_gaps(mesh, topology.part_of_face, profile.clearance_moving_mm, profile.min_engrave_mm)
     ledger.findings += gap_findings(gaps, profile)
     for name, width in (("gap_between_mm", gaps.between_mm), ("gap_within_mm", gaps.within_mm)):
         if width is not None:

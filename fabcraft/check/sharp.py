@@ -42,7 +42,9 @@ def measure_sharp_edges(mesh: Mesh, body: SurfaceDistance) -> SharpEdges:
     start, end = vertices[edges.start[sharp]], vertices[edges.end[sharp]]
     middles, lengths = 0.5 * (start + end), np.linalg.norm(end - start, axis=1)
     if len(sharp):
-        near = np.minimum.reduce([body.closest(points).distances for points in (start, middles, end)]) < NEAR_MM
+        near = (
+            np.minimum.reduce([body.closest(points).distances for points in (start, middles, end)]) < NEAR_MM
+        )
         middles, lengths = middles[near], lengths[near]
     order = np.argsort(-lengths, kind="stable")
     return SharpEdges(float(lengths.sum()), middles[order])

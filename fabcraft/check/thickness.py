@@ -29,9 +29,9 @@ from fabcraft.check.balls import (
     stopped_by_edge,
     tangent_balls,
 )
-from fabcraft.geometry.rays import Rays
 from fabcraft.check.thin import ThinRegion, thin_regions, thinnest
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh
 
 _FINE_SPACING = 0.15  # of the minimum wall, where edges need it

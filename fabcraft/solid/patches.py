@@ -79,7 +79,8 @@ def _fins(mesh: Mesh) -> Bool[np.ndarray, " F"]:
     owner = np.repeat(np.arange(len(mesh.faces)), 3)
     used, compact = np.unique(own.reshape(-1), return_inverse=True)
     joined = coo_array(
-        (np.ones(len(owner), bool), (owner, compact + len(mesh.faces))), shape=(len(mesh.faces) + len(used),) * 2
+        (np.ones(len(owner), bool), (owner, compact + len(mesh.faces))),
+        shape=(len(mesh.faces) + len(used),) * 2,
     )
     patch = connected_components(joined, directed=False)[1][: len(mesh.faces)]
     free = np.isin(patch, patch[(counts[edges] == 1).any(1)])

@@ -76,7 +76,9 @@ def _on_edges(
     if hits.sum() == 0:
         return (np.zeros(0, np.int64),) * 2 + (np.zeros(0),)
     pairs = np.unique(
-        np.stack([np.repeat(owner, hits), border[np.concatenate([np.array(one, np.int64) for one in found])]], 1),
+        np.stack(
+            [np.repeat(owner, hits), border[np.concatenate([np.array(one, np.int64) for one in found])]], 1
+        ),
         axis=0,
     )
     row, vertex = pairs.T

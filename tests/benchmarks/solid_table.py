@@ -36,7 +36,10 @@ from fabcraft.solid.thicken import SolidSettings, solidify
 PROFILES = ("prusa-mk4", "form4", "sls-pa12")
 CLEARANCE_MM = 0.5
 Maker = Callable[[Nasty, float], Mesh]
-HEAD = f"{'mesh':24} {'faces':>6} {'sound':>5} {'wall%':>6} {'parts':>6} {'genus':>6} {'open':>4} {'p99':>5} {'max':>5} {'clear':>6} {'cpu s':>6} {'MiB':>5}"
+HEAD = (
+    f"{'mesh':24} {'faces':>6} {'sound':>5} {'wall%':>6} {'parts':>6} {'genus':>6} {'open':>4} {'p99':>5} {'max':>5} "
+    f"{'clear':>6} {'cpu s':>6} {'MiB':>5}"
+)
 
 
 def ours(case: Nasty, wall_mm: float) -> Mesh:
