@@ -110,5 +110,5 @@ def test_a_service_refuses_what_is_too_large_for_it():
 
 def test_the_report_tells_the_support_that_the_part_needs():
     report = check_mesh(table(16.0), MK4)
-    assert report.metrics["support_estimate_mm3"] == pytest.approx(0.17 * 16 * 10 * 16, rel=1e-6)
+    assert report.metrics["support_estimate_mm3"] == pytest.approx(0.17 * 16 * 10 * 14, rel=1e-6)
     assert "support_estimate_mm3" not in check_mesh(table(16.0), POWDER).metrics
