@@ -317,7 +317,7 @@ def all_nasty() -> dict[str, Callable[[], Nasty]]:
         "T-junctions": lambda: Nasty(t_junctions(), truth=box(20, 20, 20), full=((0.0, 0.0, 0.0),)),
         "needle faces": lambda: Nasty(needles(), truth=rod(8.0, 40.0, 720)),
         "two boxes on one edge": lambda: Nasty(
-            concatenate([box(10, 10, 10), moved(box(10, 10, 10), 10, 10, 0)]), parts=None
+            concatenate([box(10, 10, 10), moved(box(10, 10, 10), 10, 10, 0)]), parts=None, genus=None
         ),
         "a fin on an edge": lambda: Nasty(fin(), full=((0.0, 0.0, 0.0), (10.0, 0.0, 10.0))),
         "an inner wall": lambda: Nasty(
