@@ -96,6 +96,10 @@ class PrinterProfile:
     """Exposure of one layer of resin; left out: printing times are not told."""
     wall_by_size: tuple[tuple[Positive, Positive], ...] = ()
     """Where large parts need thicker walls: [x + y + z from, least wall], mm, ascending; see `for_size`."""
+    max_faces: int | None = None
+    """Most triangles in one file that a service takes; left out: no limit is known."""
+    max_file_mb: Positive | None = None
+    """Largest file that a service takes, in millions of bytes, counted as binary STL."""
     slicer_command: tuple[str, ...] = ()
     """Another slicer than PrusaSlicer for `--slice`: program and arguments, run without a shell; {input} is the part's STL
     and {output} the file to make."""

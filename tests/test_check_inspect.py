@@ -34,7 +34,7 @@ def test_a_sound_box_is_printable_and_fully_measured():
     assert report.metrics["genus"] == 0
     assert report.metrics["self_intersections"] == 0
     assert report.metrics["wall_ok_share"] == 1.0
-    assert set(report.seconds) == {"topology", "printability", "wall"}
+    assert set(report.seconds) == {"topology", "printability", "wall", "gap"}
     assert report.peak_memory_bytes is not None and report.peak_memory_bytes > 1e6
     assert "pen_max_mm" not in report.metrics
     assert json.loads(report.to_json())["route"] == ["mesh"]

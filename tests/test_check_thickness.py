@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from fabcraft.check.rays import Rays
 from fabcraft.check.thickness import measure_thickness
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh, concatenate
 
 
@@ -158,3 +158,14 @@ def test_rays_tell_distance_and_face():
     assert rays.distances(origins, up).tolist() == pytest.approx([5.0, np.inf])
     assert rays.faces(origins, up)[1] == -1
     assert box(10, 10, 10).face_normals[rays.faces(origins, up)[0]] == pytest.approx([0, 0, 1])
+
+
+def test_right_angles_of_a_large_block_are_not_thin_and_a_rib_on_it_is():
+    block, rib = trimesh.creation.box((300, 120, 80)), trimesh.creation.box((40, 0.6, 10))
+    rib.apply_translation([0, 0, 44])
+    plain = measure_thickness(mesh_of(block), 0.9)
+    assert plain.ok_share == 1.0 and plain.min_mm >= 0.9 * 0.98
+    ribbed = measure_thickness(mesh_of(trimesh.boolean.union([block, rib], engine="manifold")), 0.9)
+    assert len(ribbed.regions) == 1
+    assert ribbed.regions[0].thinnest_mm == pytest.approx(0.6, rel=0.05)
+    assert ribbed.regions[0].area_mm2 == pytest.approx(2 * 40 * 9, rel=0.15)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fabcraft.check.rays import Rays
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh
 
 CORNER_GAP = 0.37

@@ -118,12 +118,13 @@ def inspect_mesh(
     """
     ledger = _Ledger()
     topology = ledger.run("topology", lambda: _topology(mesh, ledger, parts))
-    solid = topology is not None and topology.solid
     thickness = None
     if topology is not None and topology.faces:
+        solid = topology.solid
         ledger.run("printability", lambda: _printability(mesh, profile, solid, pieces, ledger))
         if solid:
             thickness = ledger.run("wall", lambda: _wall(mesh, profile, ledger))
+            ledger.run("gap", lambda: _gaps(mesh, topology, profile, ledger))
         else:
             ledger.findings.append(
                 could_not_run(
@@ -171,7 +172,13 @@ def _topology(mesh: Mesh, ledger: _Ledger, parts: int) -> "Topology":
 def _printability(
     mesh: Mesh, profile: PrinterProfile, solid: bool, pieces: tuple[Mesh, ...], ledger: _Ledger
 ) -> None:
-    from fabcraft.check.printability import inspect_printability, printability_findings, size_findings
+    from fabcraft.check.bridges import bridge_findings, measure_bridges
+    from fabcraft.check.printability import (
+        file_findings,
+        inspect_printability,
+        printability_findings,
+        size_findings,
+    )
 
     state = inspect_printability(mesh, profile, solid)
     found = printability_findings(state, profile)
@@ -179,7 +186,12 @@ def _printability(
         found = [one for one in found if one.check != "size"]
         for piece in pieces:
             found += size_findings(inspect_printability(piece, profile, solid), profile)
-    ledger.findings += found
+    ledger.findings += [*found, *file_findings(len(mesh.faces), profile)]
+    if solid and profile.process == "fdm":
+        bed = float(mesh.bounds[0, 2])
+        ledger.findings += bridge_findings(measure_bridges(mesh, bed + profile.layer_mm), profile)
+    if solid and profile.process in ("fdm", "sla"):
+        ledger.metrics["support_estimate_mm3"] = state.support_mm3
     ledger.metrics |= {
         "size_mm": state.size_mm,
         "overhang_share": state.overhang_share,
@@ -204,6 +216,16 @@ def _wall(mesh: Mesh, profile: PrinterProfile, ledger: _Ledger) -> "Thickness":
         "wall_ok_share": thickness.ok_share,
     }
     return thickness
+
+
+def _gaps(mesh: Mesh, topology: "Topology", profile: PrinterProfile, ledger: _Ledger) -> None:
+    from fabcraft.check.gap import gap_findings, measure_gaps
+
+    gaps = measure_gaps(mesh, topology.part_of_face, profile.clearance_moving_mm, profile.min_engrave_mm)
+    ledger.findings += gap_findings(gaps, profile)
+    for name, width in (("gap_between_mm", gaps.between_mm), ("gap_within_mm", gaps.within_mm)):
+        if width is not None:
+            ledger.metrics[name] = width
 
 
 def wall_findings(thickness: "Thickness") -> list[Finding]:
@@ -259,7 +281,13 @@ def _wear(mesh: Mesh, worn: Worn, ledger: _Ledger) -> None:
         ledger.metrics["sight_open_share"] = min(one.open_share for one in sights)
         ledger.findings += wear.sight_findings(sights)
 
+    def edges() -> None:
+        from fabcraft.check.sharp import measure_sharp_edges, sharp_findings
+
+        ledger.findings += sharp_findings(measure_sharp_edges(mesh, worn.body))
+
     ledger.run("fit", seat)
+    ledger.run("sharp_edges", edges)
     if worn.donning is not None or worn.path is not None:
         ledger.run("donning", path)
     if worn.eyes is not None and len(worn.eyes):

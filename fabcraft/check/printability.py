@@ -16,6 +16,8 @@ from fabcraft.profile import PrinterProfile
 
 _SMALL_FOOT = 0.02  # of the box's footprint: less holds the part badly
 _FIT_MM = 1e-6
+_COLUMN_SHARE = 0.17
+"""Of a column under an overhang, what PrusaSlicer extrudes: measured on large supports, more on small ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,9 @@ class Printability:
     overhang_share: float
     """Share of the surface that overhangs beyond the limit and does not rest on the bed."""
     overhang_mm2: float
+    support_mm3: float
+    """What a slicer would extrude to support it, about: columns under the overhangs down to the bed, as sparse as they
+    are laid.  Where columns end on the object itself it is less."""
     bed_contact_mm2: float
     footprint_mm2: float
     """The box's area on the bed."""
@@ -59,6 +64,8 @@ def inspect_printability(mesh: Mesh, profile: PrinterProfile, solid: bool = True
         fits_lying=bool((np.sort(size) <= np.sort(profile.build_mm) + _FIT_MM).all()),
         overhang_share=float(areas[hanging].sum() / max(areas.sum(), 1e-12)),
         overhang_mm2=float(areas[hanging].sum()),
+        support_mm3=_COLUMN_SHARE
+        * float((areas * -normals[:, 2] * (mesh.corners.mean(1)[:, 2] - bed))[hanging].sum()),
         bed_contact_mm2=float(areas[resting & (normals[:, 2] < -0.5)].sum()),
         footprint_mm2=float(size[0] * size[1]),
         island_places=_islands(mesh, bed + profile.layer_mm),
@@ -133,6 +140,19 @@ def size_findings(state: Printability, profile: PrinterProfile) -> list[Finding]
             advice=advice,
         )
     ]
+
+
+def file_findings(faces: int, profile: PrinterProfile) -> list[Finding]:
+    """Whether a service takes a file of so many triangles, counted as binary STL: 84 bytes and 50 for each."""
+    found = []
+    megabytes = round((84 + 50 * faces) / 1e6, 1)
+    for value, limit, unit in ((faces, profile.max_faces, "faces"), (megabytes, profile.max_file_mb, "MB")):
+        if limit is not None and value > limit:
+            advice = "Services refuse larger files: make it with fewer triangles (a larger simplify_mm, a coarser preset)."
+            found.append(
+                Finding(check="file", severity="fail", value=value, limit=limit, unit=unit, advice=advice)
+            )
+    return found
 
 
 def turn_to_fit(mesh: Mesh, build_mm: tuple[float, float, float]) -> float | None:

@@ -29,13 +29,14 @@ from fabcraft.check.balls import (
     stopped_by_edge,
     tangent_balls,
 )
-from fabcraft.check.rays import Rays
 from fabcraft.check.thin import ThinRegion, thin_regions, thinnest
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh
 
 _FINE_SPACING = 0.15  # of the minimum wall, where edges need it
 _MOST_SAMPLES = 100_000
+_MOST_FINE = 1_000_000  # before those far from an edge are left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +112,10 @@ def measure_thickness(
     # Next to edges the coarse samples only suggest; finer ones decide wherever it is about the minimum.
     edge = stopped_by_edge(balls, 0.9, limit) & (balls.diameters < need)
     if edge.any():
-        fine = joined(balls, _fine_balls(mesh, areas, balls.points[edge], need, limit, distance, rays))
+        finer, spacing = _fine_balls(mesh, areas, balls.points[edge], need, limit, distance, rays)
+        fine = joined(balls, finer)
         asked = edge | (values < need)
-        slack = 0.7 * _FINE_SPACING * need
+        slack = 0.7 * spacing
         values[asked] = opening_values(chosen(balls, asked), fine, levels_up_to(need, limit), limit, slack)
     thin, regions = thin_regions(balls, values, minimum_mm, supported_mm, coarse, smallest_mm2)
     return Thickness(
@@ -136,14 +138,15 @@ def _fine_balls(
     limit: float,
     distance: SurfaceDistance,
     rays: Rays,
-) -> Balls:
-    """Balls at finer samples around the points that an edge keeps under the minimum."""
+) -> tuple[Balls, float]:
+    """Balls at finer samples around the points that an edge keeps under the minimum, and the samples' spacing, mm."""
     middles = mesh.corners.mean(1)
     reach = np.linalg.norm(mesh.corners - middles[:, None], axis=2).max(1) + 1.4 * need
     edges = cKDTree(edge_points, balanced_tree=False)
     gap, _ = edges.query(middles, distance_upper_bound=float(reach.max()), workers=2)
     near = gap <= reach
-    spacing = max(_FINE_SPACING * need, float(np.sqrt(areas[near].sum() / (4 * _MOST_SAMPLES))))
+    spacing = max(_FINE_SPACING * need, float(np.sqrt(areas[near].sum() / _MOST_FINE)))
     samples = spread(mesh, areas, spacing, near)
     gap, _ = edges.query(samples[0], distance_upper_bound=1.4 * need, workers=2)
-    return tangent_balls(mesh, tuple(part[np.isfinite(gap)] for part in samples), distance, rays, limit)
+    kept = tuple(part[np.isfinite(gap)] for part in samples)
+    return tangent_balls(mesh, kept, distance, rays, limit), spacing

@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float, Float64
 from scipy.spatial import cKDTree
 
-from fabcraft.check.rays import Rays
 from fabcraft.check.report import Finding, Place, Value, places
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.passage import passage
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh
 
 SAMPLES = 20_000

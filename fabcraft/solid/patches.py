@@ -9,18 +9,21 @@ solid angle.
 from dataclasses import dataclass
 from enum import Enum
 
-import igl
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import components, edge_uses
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh
 
 MOST_PIECES = 64
 """Above this many sheets they are thickened together, on one grid."""
 
 _CLEAR, _SHARE = 0.25, 0.6
+_NO_VOLUME = 1e-6  # mm, over the area
 
 
 class Kind(Enum):
@@ -41,6 +44,9 @@ class Piece:
 
 def pieces(mesh: Mesh, wall_mm: float) -> list[Piece]:
     """The surface taken apart: each closed solid with its cavities, all open solids, each sheet."""
+    fins = _fins(mesh)
+    if fins.any() and not fins.all():
+        return pieces(mesh.submesh(~fins), wall_mm) + pieces(mesh.submesh(fins), wall_mm)
     labels = components(mesh.faces)
     edges, counts = edge_uses(mesh.faces)
     open_face = (counts[edges] % 2 == 1).any(1)
@@ -58,10 +64,38 @@ def pieces(mesh: Mesh, wall_mm: float) -> list[Piece]:
     return found
 
 
+def touching(mesh: Mesh) -> bool:
+    """Whether more than two faces meet on an edge: solids side by side that the file tells as one."""
+    return bool((edge_uses(mesh.faces)[1] > 2).any())
+
+
+def _fins(mesh: Mesh) -> Bool[np.ndarray, " F"]:
+    """Faces to be looked at apart: patches with a free border that stand on an edge of other faces."""
+    edges, counts = edge_uses(mesh.faces)
+    if (counts <= 2).all():
+        return np.zeros(len(mesh.faces), bool)
+    # Patches end where more than two faces meet: there every face gets an edge of its own.
+    own = np.where(counts[edges] > 2, len(counts) + np.arange(edges.size).reshape(edges.shape), edges)
+    owner = np.repeat(np.arange(len(mesh.faces)), 3)
+    used, compact = np.unique(own.reshape(-1), return_inverse=True)
+    joined = coo_array(
+        (np.ones(len(owner), bool), (owner, compact + len(mesh.faces))),
+        shape=(len(mesh.faces) + len(used),) * 2,
+    )
+    patch = connected_components(joined, directed=False)[1][: len(mesh.faces)]
+    free = np.isin(patch, patch[(counts[edges] == 1).any(1)])
+    branching = np.isin(patch, patch[(counts[edges] > 2).any(1)])
+    return free & branching
+
+
 def _closed(mesh: Mesh, labels: np.ndarray, closed: np.ndarray) -> list[Piece]:
-    """One piece per closed component that looks outward; inward ones inside another are its cavities."""
+    """One piece per closed component that looks outward; inward ones inside another are its cavities.
+
+    One that encloses nothing lies flat on itself: a sheet.
+    """
     shells = [mesh.submesh(labels == label) for label in np.unique(labels[closed])]
-    shells = [shell for shell in shells if abs(shell.volume_mm3) > 1e-9]
+    flat = [shell for shell in shells if abs(shell.volume_mm3) <= _NO_VOLUME * shell.area_mm2]
+    shells = [shell for shell in shells if abs(shell.volume_mm3) > _NO_VOLUME * shell.area_mm2]
     outward = [shell for shell in shells if shell.volume_mm3 > 0]
     inward = [shell for shell in shells if shell.volume_mm3 < 0]
     holders: list[list[Mesh]] = [[shell] for shell in outward]
@@ -79,7 +113,8 @@ def _closed(mesh: Mesh, labels: np.ndarray, closed: np.ndarray) -> list[Piece]:
             holders.append([Mesh(shell.vertices, shell.faces[:, ::-1], shell.name)])
         else:
             holders[home].append(shell)
-    return [Piece(together(group, mesh.name), Kind.SOLID) for group in holders]
+    solids = [Piece(together(group, mesh.name), Kind.SOLID) for group in holders]
+    return solids + [Piece(shell, Kind.SHEET) for shell in flat]
 
 
 def together(meshes: list[Mesh], name: str) -> Mesh:
@@ -131,9 +166,5 @@ def inward_thickness(
     mesh: Mesh, points: Float64[np.ndarray, "N 3"], normals: Float64[np.ndarray, "N 3"]
 ) -> Float64[np.ndarray, " N"]:
     """Length of the ray from each point of the surface against its normal to the next face, mm; inf: none."""
-    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
-    tree = igl.AABB()
-    tree.init(vertices, faces)
-    skip = 1e-4  # past the face that the ray starts from
-    hit, length, _ = tree.intersect_ray_first(vertices, faces, points - skip * normals, -normals)
-    return np.where(hit >= 0, length + skip, np.inf)
+    skip = 1e-3  # past the face that the ray starts from
+    return Rays(mesh).distances(points - skip * normals, -normals) + skip

@@ -18,13 +18,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist
 
 from fabcraft.errors import MissingError, SolidError
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import components, edge_uses
 from fabcraft.geometry.voxels import Grid, samples
 from fabcraft.mesh import Mesh
+from fabcraft.solid.stitch import near_corners, without_t_junctions
 
 _WELD_MM = 1e-5
-_SOUP_WELD_MM = 0.05
+_SOUP_WELD_MM = (0.05, 0.2)
 _SOUP_SHARE = 0.3
+_WRAP_KEEPS_MM = 0.01
 _HOLE_MM, _HOLE_SHARE = 4.0, 0.05
 
 
@@ -52,13 +55,15 @@ def repair(mesh: Mesh) -> Repaired:
 
 
 def clean(mesh: Mesh) -> Repaired:
-    """Weld (1e-5 mm; 0.05 mm for soup), drop degenerate and repeated faces, turn patches the same way."""
+    """Weld (1e-5 mm; soup wider), drop degenerate and repeated faces, split T-junctions, turn patches the same way."""
     notes = []
-    welded = _weld(mesh, _WELD_MM)
-    if open_share(welded) > _SOUP_SHARE:
-        wider = _weld(mesh, _SOUP_WELD_MM)
+    welded = _weld(mesh)
+    for wide_mm in _SOUP_WELD_MM:
+        if open_share(welded) <= _SOUP_SHARE:
+            break
+        wider = _told_once(*near_corners(welded, wide_mm), mesh.name)
         if open_share(wider) < open_share(welded):
-            notes.append(f"vertices welded at {_SOUP_WELD_MM} mm, because faces did not share vertices")
+            notes = [f"vertices welded at {wide_mm} mm, because faces did not share vertices"]
             welded = wider
     if len(welded.faces) == 0:
         raise SolidError(
@@ -67,6 +72,9 @@ def clean(mesh: Mesh) -> Repaired:
         )
     if len(welded.faces) < len(mesh.faces):
         notes.append(f"{len(mesh.faces) - len(welded.faces)} degenerate or repeated faces dropped")
+    welded, put_in = without_t_junctions(welded)
+    if put_in:
+        notes.append(f"{put_in} corners that lay on a neighbour's edge joined to it")
     turned = _oriented(welded)
     flipped = int((_parity(turned, welded.faces) < 0).sum())
     if flipped:
@@ -121,7 +129,10 @@ def _diameter(points: np.ndarray) -> float:
 
 
 def wrap(mesh: Mesh, alpha_mm: float = 1.0, offset_mm: float = 0.1) -> Mesh:
-    """A closed surface `offset_mm` around the triangles that spans gaps below `alpha_mm`, by cluster."""
+    """A closed surface close around the triangles that spans gaps below `alpha_mm`, by cluster.
+
+    offset_mm : how far the wrap is held off while it is made.  Raises `MissingError` without pymeshlab.
+    """
     try:
         import pymeshlab
     except ImportError as error:
@@ -136,10 +147,21 @@ def wrap(mesh: Mesh, alpha_mm: float = 1.0, offset_mm: float = 0.1) -> Mesh:
         meshes.add_mesh(pymeshlab.Mesh(np.array(part.vertices), np.array(part.faces)))
         meshes.generate_alpha_wrap(alpha=pymeshlab.PureValue(alpha_mm), offset=pymeshlab.PureValue(offset_mm))
         wrapped = meshes.current_mesh()
-        vertices.append(wrapped.vertex_matrix())
+        vertices.append(_drawn_back(wrapped.vertex_matrix(), part, offset_mm))
         faces.append(wrapped.face_matrix() + count)
         count += len(vertices[-1])
     return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), mesh.name)
+
+
+def _drawn_back(points: np.ndarray, part: Mesh, offset_mm: float) -> np.ndarray:
+    """The wrap's vertices back on the triangles that they were held off from; those over a gap stay."""
+    near = SurfaceDistance(part).closest(points)
+    held = (near.distances < 1.5 * offset_mm)[:, None]
+    # Not quite on it: two sides of a sheet must not become one.
+    back = points + (1.0 - _WRAP_KEEPS_MM / np.maximum(near.distances, _WRAP_KEEPS_MM))[:, None] * (
+        near.points - points
+    )
+    return np.where(held, back, points)
 
 
 def _clusters(mesh: Mesh, gap_mm: float) -> np.ndarray:
@@ -158,18 +180,22 @@ def _clusters(mesh: Mesh, gap_mm: float) -> np.ndarray:
     return np.unique(found, return_inverse=True)[1].reshape(-1)
 
 
-def _weld(mesh: Mesh, distance_mm: float) -> Mesh:
-    """Vertices on the same lattice point of `distance_mm` become one; faces without area or said twice go."""
-    keys = np.rint(mesh.vertices / distance_mm).astype(np.int64)
+def _weld(mesh: Mesh) -> Mesh:
+    """Vertices on the same lattice point of 1e-5 mm become one; faces without area or said twice go."""
+    keys = np.rint(mesh.vertices / _WELD_MM).astype(np.int64)
     _, first, merged = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     # Keep the order of first appearance, so that a clean mesh comes back vertex by vertex.
     order = np.argsort(first, kind="stable")
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
-    faces = rank[merged.reshape(-1)][mesh.faces]
+    return _told_once(mesh.vertices[first[order]], rank[merged.reshape(-1)][mesh.faces], mesh.name)
+
+
+def _told_once(vertices: np.ndarray, faces: np.ndarray, name: str) -> Mesh:
+    """The mesh without faces that lost a corner or come twice, and without unused vertices."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]
     _, single = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    welded = Mesh(mesh.vertices[first[order]], faces[np.sort(single)].astype(np.int32), mesh.name)
+    welded = Mesh(vertices, faces[np.sort(single)].astype(np.int32), name)
     return welded.submesh(np.arange(len(welded.faces))) if len(welded.faces) else welded
 
 

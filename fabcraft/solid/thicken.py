@@ -24,7 +24,7 @@ from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh
 from fabcraft.solid.carve import carve, clearance_min_mm
 from fabcraft.solid.manifolds import part_count, to_manifold, to_mesh, try_manifold, union, without_specks
-from fabcraft.solid.patches import Kind, Piece, pieces
+from fabcraft.solid.patches import Kind, Piece, pieces, touching
 from fabcraft.solid.repair import clean, repair
 from fabcraft.solid.sheet import KeepOut, PerPoint, SheetSide, WallField, make_sheet, wall_band
 from fabcraft.solid.simplify import simplify_manifold
@@ -34,6 +34,7 @@ _MOST_NODES = 120e6
 _FINEST_MM = 0.05
 _CHORD_MM = 0.03
 _REFINED_MM = 4.0
+_ALL_THIN = 1.0 - 1e-9
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,8 @@ class _Work:
     def solid(self, piece: Piece) -> manifold3d.Manifold | None:
         """A solid made sound, carved clear of the body, thickened where it is thin."""
         exact = try_manifold(piece.mesh) if piece.kind is Kind.SOLID else None
+        if exact is not None and touching(piece.mesh):
+            exact = union(exact.decompose())
         sound = exact is not None and len(self_intersecting_faces(piece.mesh)) == 0
         solid = exact if sound else self._rebuilt(piece.mesh)
         assert solid is not None
@@ -211,15 +214,19 @@ class _Work:
         One field, because a wall thinner than a cell, made first, would come out of the grid in rags.
         """
         self.notes.append("a part with gaps or faces through each other was rebuilt on the grid")
-        inside = SurfaceDistance(surface)
         half = 0.5 * self.settings.wall_mm
+        before = self.numbers["thin_area_mm2"]
         medial = self._thin(surface)
         sheet = None if medial is None else make_sheet(medial, half, self.keep)
         thin = None if sheet is None else WallField(sheet, half, SheetSide(), self.keep)
 
+        # Where every face is thin the wall holds all of the inside, and nobody has to ask for it.
+        all_thin = thin is not None and self.numbers["thin_area_mm2"] - before > _ALL_THIN * surface.area_mm2
+        inside = None if all_thin else SurfaceDistance(surface)
+
         def field(points: np.ndarray) -> np.ndarray:
-            signed = inside.signed(points)
-            return signed if thin is None else np.minimum(signed, thin(points))
+            wall = np.full(len(points), np.inf) if thin is None else thin(points)
+            return wall if inside is None else np.minimum(inside.signed(points), wall)
 
         bounds = (
             surface.bounds
