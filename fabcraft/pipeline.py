@@ -186,7 +186,8 @@ def _require_one_input(recipe: Recipe) -> None:
             f"{what} was given; one of them was expected",
             "Give --sketch FILE, --guidance MESH or --text WORDS.",
         )
-    wanted = {"": given[0], "direct": "sketch"}.get(recipe.method) or (
+    drawn = given[0] if given[0] == "text" and recipe.via == "subjects" else "sketch"
+    wanted = {"": given[0], "direct": drawn}.get(recipe.method) or (
         "text" if baseline(recipe.method).guided == "text" else "guidance"
     )
     if given[0] != wanted:

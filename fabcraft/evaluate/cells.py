@@ -82,7 +82,7 @@ def recipe_for(method: str, design: Design, options: Options, guidance: Path) ->
     if method == "direct":
         given = drawing_of(design)
     elif method in TEXT_METHODS:
-        given = {"text": design.prompt, "encoder": options.encoder}
+        given = {"text": design.prompt, "via": "clip", "encoder": options.encoder}
     else:
         given = {"guidance": str(guidance)}
     return Recipe(

@@ -22,7 +22,7 @@ from fabcraft.read.mesh_file import read_mesh
 from fabcraft.write.sheet import contact_sheet
 from fabcraft.write.wardrobe import reason_cell
 
-SLICED = ("star-ring", "flower-bangle")
+SLICED = ("star-ring", "alligator-bangle")
 """The designs whose layers are shown."""
 ABLATED = "cat-mask"
 """The design of the ablation, as in the paper."""

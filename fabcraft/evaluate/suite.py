@@ -47,7 +47,7 @@ class Design:
     prompt: str
     """For the methods that read words, and for the score of the encoder."""
     example: str = ""
-    """Its drawing, a file in the folder `examples` of the repository."""
+    """Its drawing, a file in the folder `examples` of the repository; that of the prompt in the library when left out."""
     body: str = "man"
     """Who wears it."""
     made_for: str = "woman"
@@ -64,15 +64,11 @@ class Design:
 
 SUITE = (
     Design("cat-mask", "mask", "a cat mask", "cat-mask.png"),
-    Design("heart-glasses", "glasses", "heart glasses", "objects/glasses.png", "child", reading="object"),
-    Design("flower-bangle", "bangle", "a flower bangle", "objects/bangle.png", reading="object"),
-    Design(
-        "spiked-helmet", "helmet", "a helmet with spikes", "objects/helmet.png", "child", reading="object"
-    ),
-    Design("crown-visor", "visor", "a crown visor", "objects/visor.png", reading="object"),
-    Design(
-        "heart-necklace", "necklace", "a heart necklace", "objects/necklace.png", "child", reading="object"
-    ),
+    Design("heart-glasses", "glasses", "heart glasses", body="child", reading="object"),
+    Design("alligator-bangle", "bangle", "an alligator bangle", reading="object"),
+    Design("dinosaur-helmet", "helmet", "a dinosaur helmet", body="child", reading="object"),
+    Design("cow-visor", "visor", "a cow visor", reading="object"),
+    Design("rose-necklace", "necklace", "a rose necklace", body="child", reading="object"),
     Design("star-ring", "ring", "a star ring", "objects/star.png"),
     Design("bunny-slippers", "slippers", "bunny slippers", "bunny.png", "child"),
     Design("butterfly-mask", "mask", "a butterfly mask", "butterfly.png", "child"),
@@ -107,6 +103,8 @@ JOINT = (
 
 def drawing_of(design: Design) -> dict[str, Any]:
     """The drawing of a design, as fields of a recipe.  Raises `MissingError` where the repository's examples are not."""
+    if not design.example:
+        return {"text": design.prompt, "via": "subjects", "reading": design.reading}
     path = Path(fabcraft.__file__).parents[1] / "examples" / design.example
     if not path.is_file():
         raise MissingError(
