@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import fabcraft
 from fabcraft import outputs
 from fabcraft.body.human import human
 from fabcraft.check.slicer import ask_slicer

@@ -17,6 +17,8 @@ WHOLE = 0.75
 FAMILY = 6  # rules that a ruled page has at least
 MOST_TURN_DEG = 12.0  # rules are about level or upright
 MOST_LINES = 6000
+MOST_RULES = 200
+MOST_MISSES = 1500  # lines that no ink stands on; the strongest come first
 DARKER = 1.45  # ink is at least so much darker than a rule
 
 
@@ -75,13 +77,24 @@ def _lines(dark: Grey, faintest: float) -> list[_Rule]:
     if found is None:
         return []
     rules: list[_Rule] = []
+    thirds = np.array([width / 3, 2 * width / 3])
+    misses, taken = 0, np.zeros((0, 2))  # heights of the rules at the thirds of the page
     for rho, theta in found[:MOST_LINES, 0, :2].tolist():
         a, b = rho / np.sin(theta), -1.0 / np.tan(theta)
-        if all(_apart(a, b, other, width) > 3.0 for other in rules):
+        if (np.abs(a + b * thirds - taken).max(1) > 3.0).all():
             fitted = _fitted(mask, dark, a, b)
-            if fitted is not None and all(_apart(fitted.a, fitted.b, other, width) > 4.0 for other in rules):
+            if fitted is None:
+                misses += 1
+                if misses > MOST_MISSES:
+                    break
+                continue
+            at = fitted.a + fitted.b * thirds
+            if (np.abs(at - taken).max(1) > 4.0).all():
                 rules.append(fitted)
+                taken = np.vstack([taken, at])
                 _take(mask, fitted)  # what this one stands on speaks for no other
+            if len(rules) > MOST_RULES:  # no paper has so many: it is noise
+                return []
     return rules
 
 
@@ -90,11 +103,6 @@ def _take(mask: Bool[np.ndarray, "H W"], rule: _Rule) -> None:
     reach = int(np.ceil(rule.half)) + 1
     rows = np.round(rule.a + rule.b * columns).astype(int)[:, None] + np.arange(-reach, reach + 1)
     mask[np.clip(rows, 0, mask.shape[0] - 1), columns[:, None]] = False
-
-
-def _apart(a: float, b: float, other: _Rule, width: int) -> float:
-    """The larger distance of two lines at the thirds of the page."""
-    return max(abs(a + b * x - other.a - other.b * x) for x in (width / 3, 2 * width / 3))
 
 
 def _fitted(mask: Bool[np.ndarray, "H W"], dark: Grey, a: float, b: float) -> _Rule | None:
