@@ -9,7 +9,7 @@ from worn import ball, horned, torus
 from fabcraft.fit.deform import deform
 from fabcraft.fit.descend import Variables
 from fabcraft.fit.presets import PRESETS
-from fabcraft.fit.remesh import carried, refine
+from fabcraft.fit.remesh import carried, refine, slivers
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.operators import boundary_loops
 from fabcraft.geometry.poisson import PoissonSystem
@@ -136,3 +136,9 @@ def test_refining_comes_nearer_to_long_horns_than_fixed_triangles(length):
     assert reached[0].remeshed == 0 and reached[40].remeshed >= 2
     assert missed[40] < 0.7 * missed[0]
     assert euler(reached[40].mesh) == 2 and smallest_angles(reached[40].mesh).min() > 3.0
+
+
+def test_slivers_are_faces_without_an_area_to_speak_of():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 1e-7, 0]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [0, 0, 1]], dtype=np.int32)
+    assert slivers(Mesh(points, faces)).tolist() == [False, True, True]

@@ -17,10 +17,11 @@ from torch import Tensor
 from fabcraft.errors import InputError
 from fabcraft.fit.body_terms import ContactSet, contact_term, penetration_term, seat
 from fabcraft.fit.descend import Descended, Descent, Stop, Variables, Ways, descend
+from fabcraft.fit.determinism import same_every_time
 from fabcraft.fit.losses import Term
 from fabcraft.fit.mirror import Mirror, symmetric
 from fabcraft.fit.presets import PRESETS, DeformSettings, ablations
-from fabcraft.fit.remesh import carried, refine
+from fabcraft.fit.remesh import carried, refine, slivers
 from fabcraft.fit.settle import clear, settle_rigidly
 from fabcraft.fit.shape_terms import lock_weights, shape_terms
 from fabcraft.fit.views import Guide, ViewBank, guidance_chunks, prepare
@@ -90,6 +91,7 @@ class _Scene:
     device: torch.device
 
 
+@same_every_time()
 def deform(
     rest: Mesh,
     *,
@@ -236,8 +238,10 @@ def _refined(
 ) -> _Object | None:
     """The object as it is now, refined where it was stretched; None when too little was."""
     moved = now.mesh.with_vertices(positions)
+    if slivers(moved).any():  # no system to go on with: the terms may still open them
+        return None
     found = refine(moved, now.origin, now.lock > 0.0, edge_mm, scene.settings.remesh_stretch)
-    if found.split < max(4, len(moved.faces) // 200):
+    if found.split < max(4, len(moved.faces) // 200) or slivers(found.mesh).any():
         return None
     lock = np.zeros(len(found.mesh.faces))
     lock[: len(now.lock)] = now.lock  # locked faces keep their number; the others have no lock

@@ -20,6 +20,7 @@ from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.mesh import Mesh
 
 _TOO_LONG = 4.0 / 3.0
+_SLIVER = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,13 @@ def refine(
         points = _relax(points, faces, locked, changed, SurfaceDistance(mesh))
         faces = _flip(points, faces, locked, changed, 5)
     return Refined(Mesh(points, faces.astype(np.int32), mesh.name), origin, locked, count)
+
+
+def slivers(mesh: Mesh) -> Bool[np.ndarray, " F"]:
+    """Faces without an area to speak of: under a millionth of their longest edge squared."""
+    corners = mesh.corners
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    return np.asarray(mesh.face_areas <= _SLIVER * longest**2)
 
 
 def carried(variables: Variables, old: PoissonSystem, now: Mesh, new: PoissonSystem) -> Variables:
