@@ -91,6 +91,7 @@ COW = Model(
     unwearable={
         "helmet": "its horns stand on the crown, where a helmet would sit",
         "visor": "its horns and ears grow where the band would run",
+        "glasses": "its ears stand out where the side pieces would slide off",
         "ring": "its hooves have no fingers",
         "slippers": "its legs stand in the middle of the hooves: nothing sticks out in front for an upper to cover",
     },

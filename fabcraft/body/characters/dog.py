@@ -95,6 +95,7 @@ DOG = Model(
     unwearable={
         "helmet": "its ears grow from the crown, where a helmet would sit",
         "visor": "its ears grow where the band would run",
+        "glasses": "its ears grow over the place where the side pieces would rest",
         "ring": "its paws have no fingers",
     },
 )
