@@ -278,3 +278,15 @@ def test_flags_that_do_not_match_and_settings_out_of_range_are_refused():
     for wrong in ({"steps": -1}, {"views": 20, "bank": 10}, {"pixels": 4}, {"fit_after": 1.2}):
         with pytest.raises(InputError):
             DeformSettings(**wrong)
+
+
+def test_large_meshes_too_are_deformed_by_algorithms_that_give_the_same_every_time():
+    rest, modes = ball(20.0, 2), []
+    deform(
+        rest,
+        guidance=[TargetPoints.of(horned(), rest, count=100)],
+        settings=replace(DRAFT, steps=2),
+        watch=lambda *_: modes.append(torch.get_deterministic_debug_mode()),
+    )
+    assert set(modes) == {2}
+    assert torch.get_deterministic_debug_mode() == 0
