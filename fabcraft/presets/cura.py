@@ -12,11 +12,10 @@ from typing import Any
 
 from fabcraft.errors import InputError
 from fabcraft.presets.machine import Machine, number, words
-from fabcraft.presets.orca import Reader, beside
+from fabcraft.presets.parents import Reader, beside, with_parents
 
 Settings = dict[str, dict[str, Any]]
 
-_DEEPEST = 20
 _MOST_SETTINGS = 20_000
 
 
@@ -77,22 +76,15 @@ def machine_of_cura(table: dict[str, Any], path: Path, read: Reader) -> Machine:
 
 
 def _resolved(table: dict[str, Any], path: Path, read: Reader) -> Settings:
-    chain, seen = [table], {path.name.removesuffix(".def.json")}
-    while parent := words(chain[-1].get("inherits"), ""):
-        if parent in seen or len(chain) > _DEEPEST:
-            raise InputError(
-                f"{path.name} inherits from {parent!r}, which comes back to itself or takes more than {_DEEPEST} steps",
-                "Take the definition from Cura anew.",
-            )
-        seen.add(parent)
-        file = beside(path.parent, parent, ".def.json")
-        if file is None:
-            raise InputError(
-                f"{path.name} inherits from {parent!r}, which does not lie beside it",
-                f"Put {parent}.def.json into the same folder, or import the file where Cura keeps both: in "
-                "resources/definitions of its installation (share/cura/resources/definitions).",
-            )
-        chain.append(read(file))
+    chain = with_parents(
+        table,
+        path,
+        read,
+        name=path.name.removesuffix(".def.json"),
+        ending=".def.json",
+        missing=", or import the file where Cura keeps both: in resources/definitions of its installation "
+        "(share/cura/resources/definitions).",
+    )
     whole: Settings = {}
     for one in reversed(chain):
         for key, setting in _own(one).items():

@@ -6,17 +6,12 @@ the machine names as `default_print_profile`. A *resolved* file (`--export-setti
 `Metadata/project_settings.config` in a project's 3MF) holds all of them and inherits nothing that matters.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from fabcraft.errors import InputError
 from fabcraft.presets.machine import Machine, bed, number, width, words
-
-Reader = Callable[[Path], dict[str, Any]]
-"""Reads a JSON object from a file, bounded.  Raises `InputError`."""
-
-_DEEPEST = 20
+from fabcraft.presets.parents import Reader, beside, with_parents
 
 
 def machine_of_orca(table: dict[str, Any], path: Path, read: Reader) -> Machine:
@@ -71,24 +66,18 @@ def machine_of_orca(table: dict[str, Any], path: Path, read: Reader) -> Machine:
 
 def _resolved(table: dict[str, Any], path: Path, read: Reader) -> dict[str, Any]:
     """The table with what it inherits.  Raises `InputError` for a parent that is missing, or a circle."""
-    chain, seen = [table], {words(table.get("name"), path.stem)}
     # the settings of a whole project are complete, whatever preset they began as
-    while (parent := words(chain[-1].get("inherits"), "")) and not _is_whole(chain[-1]):
-        if parent in seen or len(chain) > _DEEPEST:
-            raise InputError(
-                f"{path.name} inherits from {parent!r}, which comes back to itself or takes more than {_DEEPEST} steps",
-                "Export the printer anew.",
-            )
-        seen.add(parent)
-        file = beside(path.parent, parent, ".json")
-        if file is None:
-            raise InputError(
-                f"{path.name} inherits from {parent!r}, which does not lie beside it",
-                f"Put {parent}.json into the same folder: the slicer keeps it in its configuration folder (Help > Show "
-                "Configuration Folder) under system/VENDOR/machine, and in its sources under "
-                "resources/profiles/VENDOR/machine. Or export all settings: orca-slicer --export-settings all.json.",
-            )
-        chain.append(read(file))
+    chain = with_parents(
+        table,
+        path,
+        read,
+        name=words(table.get("name"), path.stem),
+        ending=".json",
+        missing=": the slicer keeps it in its configuration folder (Help > Show Configuration Folder) under "
+        "system/VENDOR/machine, and in its sources under resources/profiles/VENDOR/machine. Or export all settings: "
+        "orca-slicer --export-settings all.json.",
+        complete=_is_whole,
+    )
     whole: dict[str, Any] = {}
     for one in reversed(chain):
         whole |= one
@@ -112,14 +101,3 @@ def _process(machine: dict[str, Any], path: Path, read: Reader) -> dict[str, Any
             except InputError:
                 return {}  # a parent of the process is missing: the rules hold instead, and say so
     return {}
-
-
-def beside(folder: Path, name: str, ending: str) -> Path | None:
-    """The file NAME.ending in the folder, never one elsewhere."""
-    if not name or name != Path(name).name or "\\" in name or name.startswith("."):
-        return None
-    try:
-        file = folder / f"{name}{ending}"
-        return file if file.is_file() else None
-    except (OSError, ValueError):  # a name that is too long
-        return None
