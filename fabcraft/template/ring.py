@@ -38,8 +38,11 @@ from fabcraft.template.whole import profile
 EDGE_MM, WALL_MM, LEAST_WALL_MM, WIDTH_MM = 0.6, 1.8, 1.6, 6.0
 FINGER_MM = 63.5
 """Girth of a median man's ring finger, which the widths of bands are made for."""
-_SEAT = 0.6
-"""Where the ring sits, as a share of the phalanx: on the slender part, clear of the web."""
+_SEATS = (0.6, 0.7, 0.8)
+"""Where the ring sits, as a share of the phalanx: on the slender part, clear of the web; nearer to the knuckle where the
+fingers beside it leave no room, as short ones do."""
+_BESIDE_MM = 0.05
+"""How much nearer than listed a ring may come to the fingers beside it before it is seated elsewhere."""
 _STEEPEST = 0.1
 """Most that the finger's taper is followed."""
 _SKIN_GIVES_MM = 0.3
@@ -54,9 +57,21 @@ def build(body: Body, settings: Settings) -> Template:
     chosen = KIND.settled(settings)
     hand = str(chosen.get("hand", "left"))
     part, at = KIND.worn(body, f"hand_{hand}", [f"{place}_{hand}" for place in _PLACES])
-    base, joint, last, tip, back, palm = (at[f"{place}_{hand}"] for place in _PLACES)
+    places = [at[f"{place}_{hand}"] for place in _PLACES]
+    skin = SurfaceDistance(part.mesh)
+    for seat in _SEATS:
+        ring = _seated(part, places, seat, chosen)
+        if skin.signed(ring.mesh.vertices).min() >= ring.listed_mm[0] - _BESIDE_MM:
+            break
+    return ring
+
+
+def _seated(part: Body, places: Sequence[Float64[np.ndarray, "3"]], seat: float, chosen: Settings) -> Template:
+    """The ring at the share `seat` of the phalanx; `places` as in _PLACES, `chosen` as settled."""
+    hand = str(chosen.get("hand", "left"))
+    base, joint, last, tip, back, palm = places
     reach = 0.1 * float(np.linalg.norm(joint - base))
-    origin, axes = centred(part.mesh, base + _SEAT * (joint - base), facing(joint - base, back - palm), reach)
+    origin, axes = centred(part.mesh, base + seat * (joint - base), facing(joint - base, back - palm), reach)
     seat_mm = station(part.mesh, origin, axes).oval.length
     scale = seat_mm / FINGER_MM
     width = float(chosen.get("width", WIDTH_MM * scale))
