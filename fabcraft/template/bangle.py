@@ -41,6 +41,7 @@ _FLEX = 0.085
 _CROWN = 0.15
 """How much higher than its wall the band is in its middle, as a share of the wall."""
 _SECTIONS, _TURNS, _STEPS = 7, 14, 26
+_LIFTED = 7  # a sixth of the poses, over which what a band is off the middle of the limb fades
 _PLACES = ("wrist", "finger2_1", "finger5_1", "wrist_back", "wrist_palm", "ring_finger_tip")
 
 
@@ -223,7 +224,9 @@ def _over_the_hand(wrist: _Wrist) -> list[Station]:
         local = (part.mesh.vertices - wrist.origin) @ axes.T
         ahead = local[local[:, 2] > -0.5 * wrist.width]
         shadow = Oval.around(ahead[:, :2])
-        line = np.linspace(0.0, ahead[:, 2].max() + wrist.width, _TURNS + _STEPS)
+        # it is lifted off where it hangs before it goes on: nothing gives way beside it
+        lifted, further = np.zeros(_LIFTED), ahead[:, 2].max() + wrist.width
+        line = np.concatenate([lifted, np.linspace(0.0, further, _TURNS + _STEPS - _LIFTED)])
         middle = wrist.origin + shadow.middle @ axes[:2]
         return [Station(middle + at * axes[2], axes, shadow.moved(-shadow.middle)) for at in line]
     flesh = station(part.mesh, wrist.knuckles, facing(wrist.knuckles - wrist.bone, axes[1]))

@@ -19,6 +19,7 @@ from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
 from fabcraft.template.front import (
     HEAD_MM,
+    LEAST_MM,
     PAD_MM,
     PD_MM,
     Face,
@@ -42,6 +43,8 @@ EDGE_MM = 1.4
 SPREAD_MM = 10.0
 """How far each temple may be spread to put them on."""
 _DROP_MM = 38.0
+_PAD_RADIUS = 0.75
+"""Least radius of a pad before its edges are softened, over the least wall."""
 _POSES = 40
 _PLACES = ("sellion", "eye_left", "eye_right", "ear_root_top_left")
 
@@ -167,7 +170,7 @@ def _pad(face: Face, front: Front, edge: float) -> Mesh:
         centre + k * np.array([[0.0, 0.0, 4.0], [0.8, 1.2, 0.0], [0.5, 0.5, -5.0], [0.5, -0.8, 0.0]])
     )
     normal = face.part.mesh.face_normals[found.faces]
-    radius = 1.7 * unit
+    radius = max(1.7 * unit, _PAD_RADIUS * LEAST_MM)
     touching = found.points + (radius + room) * normal
     v = front.rolled.flat(centre[None])[0, 1]
     nasal = front.lens[front.lens[:, 0] < front.sizes.lens_middle]
