@@ -17,6 +17,8 @@ from fabcraft.geometry.voxels import Field
 from fabcraft.mesh import Mesh
 
 _ROUNDS = 6
+_SPREADS, _TOGETHER = 3, 0.35
+"""How often points of a rim are moved apart, and below which share of the usual distance."""
 _CELL = 0.6
 """Of the grid, over an edge."""
 _STEP = 0.02
@@ -77,6 +79,9 @@ def walled(
     points = np.array(even.vertices)
     ends = np.concatenate(loops)
     points[ends] = _on_both(points[ends], wall.middle, wall.beyond, step, 0.5 * edge_mm)
+    for _ in range(_SPREADS):
+        points[ends] = np.concatenate([_spread(points[loop]) for loop in loops])
+        points[ends] = _on_both(points[ends], wall.middle, wall.beyond, step, 0.5 * edge_mm)
     if mirrored:
         points[ends, 0] = np.where(np.abs(even.vertices[ends, 0]) < 1e-9, 0.0, points[ends, 0])
     normals = slope(wall.middle, points, step)
@@ -122,6 +127,17 @@ def _on_both(
         length = np.linalg.norm(move, axis=1, keepdims=True)
         points += move * np.minimum(1.0, reach_mm / np.maximum(length, 1e-12))
     return points
+
+
+def _spread(line: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
+    """The closed line, points that have come nearly together moved along it to the middle of their neighbours.
+
+    Rows of a rim that begin at two such points would cross.
+    """
+    before, after = np.roll(line, 1, axis=0), np.roll(line, -1, axis=0)
+    ahead = np.linalg.norm(after - line, axis=1)
+    close = np.minimum(ahead, np.roll(ahead, 1)) < _TOGETHER * np.median(ahead)
+    return np.where(close[:, None], 0.5 * (before + after), line)
 
 
 def _along(

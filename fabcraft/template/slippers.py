@@ -8,14 +8,16 @@ wall 2.4.  The inner side is level where the foot stands.  One is made; the othe
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.spatial import ConvexHull
 
 from fabcraft.body.body import Body
 from fabcraft.body.region import Region
 from fabcraft.body.sizes import asked
 from fabcraft.errors import InputError
+from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.implicit import met, slope, smooth_common, smooth_union
+from fabcraft.geometry.passage import passage
 from fabcraft.geometry.walled import Wall, walled
 from fabcraft.mesh import Mesh
 from fabcraft.template.catalogue import Kind, Settings
@@ -38,8 +40,12 @@ _LEAN = 0.11
 _FOXING_MM, _FOXING_HIGH_MM = 2.4, 16.0
 """How much thicker the side is at the sole, and up to where."""
 _CORNER_EDGE_MM = 1.5
+_TRIES, _NEARER_MM = 3, 0.05
+"""How often the upper is made shorter until it is off the leg, and how much nearer than listed it may be."""
+_DROPS, _EVERY = (0.06, 0.03, 0.0), 4
+"""How much a slipper goes down for every mm forward, and which of its vertices are tried on that way."""
 _TONGUE_MM, _BEAD = 7.0, 0.35
-_BLUR_MM, _CORNER_MM, _OUTER_CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 20.0, 6.0
+_BLUR_MM, _CORNER_MM, _OUTER_CORNER_MM, _INNER_CORNER_MM = 4.5, 18.0, 18.0, 6.0
 _UP = np.array([0.0, 0.0, 1.0])
 _PLACES = ("ball_medial", "ball_lateral")
 
@@ -147,27 +153,23 @@ def build(body: Body, settings: Settings) -> Template:
     foot = Mesh(frame.inside(part.mesh.vertices), part.mesh.faces)
     longer = foot.with_vertices(foot.vertices * [size / frame.length, size / frame.length, 1.0])
     over = part.clearance_mm(OVER_TOES_MM)
-    off_leg = wall + 1.5 * room
     before, above = max(toe - room, 0.0), max(over - room, 0.0)
     # a wall that cannot be as thin as the foot is small asks for rounder corners
     rounded = max(s, 0.5 * wall / WALL_MM)
-    shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * s)
-    slipper = _slipper(part, foot, longer, shape, rounded, room, wall, sole)
     edge = max(EDGE_MM * s, 0.7 * wall)
-    bounds = _bounds(slipper, foot, toe)
-    sides = Wall(
-        slipper.middle,
-        slipper.beyond,
-        slipper.outer,
-        slipper.inner,
-        slipper.squareness,
-        slipper.detail,
-        least_mm=wall,
-    )
-    made, inside = walled(sides, bounds, edge, min(0.6 * edge, 0.9 * wall), name=KIND.name)
+    skin, off_leg, least = SurfaceDistance(foot), wall + 1.5 * room, part.clearance_mm(0.0)
+    for _ in range(_TRIES):
+        shape = last(longer, size, s, cover / 100.0, before, above, off_leg, _BLUR_MM * rounded)
+        slipper = _slipper(part, foot, longer, shape, rounded, room, wall, sole)
+        made, inside = _walled(slipper, _bounds(slipper, foot, toe), edge)
+        short = least - float(skin.signed(made.vertices).min())
+        if short <= _NEARER_MM:
+            break
+        off_leg += 2.0 * short  # the edge of the upper is in the leg
     mesh = made.with_vertices(frame.outside(made.vertices))
     contacts = _resting(part, foot, slipper, which)
-    poses = _sliding_off(frame, slipper, foot)
+    gives = 1.0 if part.kind != "character" else 0.2
+    poses = _sliding_off(frame, slipper, foot, SurfaceDistance(part.mesh), mesh, gives)
     return Template(
         name=KIND.name,
         body=replace(part, regions={**part.regions, **contacts}),
@@ -179,7 +181,7 @@ def build(body: Body, settings: Settings) -> Template:
         contacts=tuple(contacts),
         edge_mm=edge,
         donning=tuple(frame.axes[1].tolist()),
-        path=DonningPath(poses, 1.0 if part.kind != "character" else 0.2, "a soft upper and the foot give"),
+        path=DonningPath(poses, gives, "a soft upper and the foot give"),
         locked=inside,
         pair=True,
         motifs=(
@@ -192,6 +194,22 @@ def build(body: Body, settings: Settings) -> Template:
             f"The slippers are for feet {size:.0f} mm long: EU {(size + 12.5) * 0.15:.1f}, Mondopoint {size:.0f}.",
         ),
     )
+
+
+def _walled(
+    slipper: _Slipper, bounds: Float64[np.ndarray, "2 3"], edge: float
+) -> tuple[Mesh, Bool[np.ndarray, " F"]]:
+    """The slipper in the frame of the foot, edges about `edge` long, and which of its faces are on the inner side."""
+    sides = Wall(
+        slipper.middle,
+        slipper.beyond,
+        slipper.outer,
+        slipper.inner,
+        slipper.squareness,
+        slipper.detail,
+        least_mm=slipper.wall,
+    )
+    return walled(sides, bounds, edge, min(0.6 * edge, 0.9 * slipper.wall), name=KIND.name)
 
 
 def _under_the_foot(slipper: _Slipper, made: Mesh) -> float:
@@ -270,12 +288,20 @@ def _resting(part: Body, foot: Mesh, slipper: _Slipper, which: str) -> dict[str,
     return found
 
 
-def _sliding_off(frame: Frame, slipper: _Slipper, foot: Mesh) -> Float64[np.ndarray, "K 4 4"]:
-    """The slipper goes forward and a little down: the foot leaves it backwards, its heel first lifted by that much."""
+def _sliding_off(
+    frame: Frame, slipper: _Slipper, foot: Mesh, skin: SurfaceDistance, mesh: Mesh, gives: float
+) -> Float64[np.ndarray, "K 4 4"]:
+    """The slipper goes forward and a little down: the foot leaves it backwards, its heel first lifted by that much.
+
+    Straight forward where that presses the toes by more than `gives`.
+    """
     travel = float(foot.vertices[:, 1].max() - slipper.side[0]) + 5.0
-    way = frame.axes[1] - 0.06 * _UP
     poses = np.tile(np.eye(4), (36, 1, 1))
-    poses[:, :3, 3] = travel * np.linspace(0.0, 1.0, len(poses))[:, None] ** 1.5 * way
+    for drop in _DROPS:
+        way = frame.axes[1] - drop * _UP
+        poses[:, :3, 3] = travel * np.linspace(0.0, 1.0, len(poses))[:, None] ** 1.5 * way
+        if passage(mesh.vertices[::_EVERY], poses, skin).depth_mm.max() <= gives:
+            break
     return poses
 
 
