@@ -27,6 +27,14 @@ def test_a_ring_keeps_what_it_promises(ring):
     assert ring.donning.donnable and ring.donning.poses >= 30
 
 
+@pytest.mark.parametrize(
+    ("template", "body"), [("ring", "toddler"), ("slippers", "bear"), ("slippers", "frog"), ("bangle", "dog")]
+)
+def test_small_and_odd_limbs_get_what_others_get(template, body):
+    """Fingers that touch, legs close behind the toes, wide flat toes, a paw that does not fold."""
+    assert try_on(template, find_body(body)).faults == ()
+
+
 def test_a_broken_promise_is_named(ring):
     from dataclasses import replace
 
