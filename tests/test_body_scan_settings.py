@@ -86,6 +86,14 @@ def test_an_animal_with_landmarks_becomes_a_body_with_a_face(animal_file, tmp_pa
     assert body.landmarks["tragion_left"][0] > body.landmarks["tragion_right"][0]
     assert any("its shape is nobody's" in note for note in body.notes)
     assert {"pronasale", "glabella", "eye_left"} <= set(body.landmarks)
+    down_the_face = ["glabella", "sellion", "pronasale", "stomion", "menton"]
+    heights = [body.landmarks[name][2] for name in down_the_face]
+    assert heights == sorted(heights, reverse=True)
+    for name in ("forehead", "cheekbone_left", "cheekbone_right", "nose_bridge"):  # what a mask rests on
+        patch = body.mesh.vertices[body.regions[name].vertex_indices]
+        assert len(patch) > 30
+        assert (patch[:, 1] < body.landmarks["tragion_left"][1]).all()  # on the face
+        assert (patch[:, 2] > body.landmarks["sellion"][2]).all() == (name == "forehead")
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from fabcraft.body.model import HumanModel, human_model
 from fabcraft.body.scan_clean import orderly, welded
 from fabcraft.body.scan_close import closed
 from fabcraft.body.scan_density import refined, seen, thinned, thinning_note
+from fabcraft.body.scan_figure import figure_landmarks, figure_regions
 from fabcraft.body.scan_find import Found, find, similarity_of
 from fabcraft.body.scan_fit import PartFit
 from fabcraft.body.scan_marks import has_enough, read_marks, require_enough
@@ -120,10 +121,14 @@ def _body(surface: Mesh, found: Found, marks: Mapping[str, np.ndarray], said: tu
     upright = surface.with_vertices(home.points(found.guess.factor * surface.vertices))
     skin = closed(_finer(upright, fits), fits[0] if found.person else None)
     given = {name: home.points(found.guess.factor * point[None])[0] for name, point in marks.items()}
-    regions, lacking = regions_on(skin.mesh, fits, skin.unsure, person=found.person)
-    missing = (f"The scan does not show: {', '.join(lacking).replace('_', ' ')}.",) if lacking else ()
     given = _on_surface(skin.mesh, given)
-    landmarks = landmarks_on(skin.mesh, skin.planes, fits, given, person=found.person)
+    if found.person or found.guess.kind != "head":
+        regions, lacking = regions_on(skin.mesh, fits, skin.unsure, person=found.person)
+        landmarks = landmarks_on(skin.mesh, skin.planes, fits, given, person=found.person)
+    else:
+        regions, lacking = figure_regions(skin.mesh, fits[0])
+        landmarks = figure_landmarks(skin.mesh, fits[0], given)
+    missing = (f"The scan does not show: {', '.join(lacking).replace('_', ' ')}.",) if lacking else ()
     return Body(
         surface.name,
         skin.mesh,

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float64
 
 from fabcraft.body.model import HumanModel, human_model
 from fabcraft.body.scan_body import parts_of
-from fabcraft.body.scan_fit import PartFit, fitted, held_by, judged, settled
+from fabcraft.body.scan_fit import PartFit, fitted, held_by, judged, settled, stretched_to
 from fabcraft.body.scan_part import Kind, PartModel, adult
 from fabcraft.body.scan_search import SIZE_RANGE, Cloud, Looked, best_start, placements
 from fabcraft.body.scan_step import Marks, Surface, at_rest
@@ -188,7 +188,7 @@ def _by_marks(
     fit = fitted(part, surface, state, 14, marks)
     if fit.matched >= MATCHED_AT_LEAST and SIZE_RANGE[0] < place.scale < SIZE_RANGE[1]:
         return Found(guess, (held_by(settled(fit, surface), marks),), True)
-    return Found(guess, (held_by(judged(part, replace(state, place=place), surface), marks),), False)
+    return Found(guess, (stretched_to(judged(part, replace(state, place=place), surface), marks),), False)
 
 
 def similarity_of(fit: PartFit) -> Similarity:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.interpolate import RBFInterpolator
 from scipy.sparse import diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
@@ -120,6 +121,17 @@ def held_by(fit: PartFit, marks: Marks) -> PartFit:
     points = np.concatenate([start + moves, _carried(fit.points[skin:], start, moves)])
     points[marks.rows] = marks.points
     return replace(fit, points=points)
+
+
+def stretched_to(fit: PartFit, marks: Marks) -> PartFit:
+    """The same fit with known landmarks at their places, and everything else moved as its neighbours among them are.
+
+    For a figure, whose skin says nothing of where its places are; far from the landmarks nothing bends.
+    """
+    field = RBFInterpolator(
+        fit.points[marks.rows], marks.points - fit.points[marks.rows], kernel="linear", degree=0
+    )
+    return replace(fit, points=fit.points + field(fit.points))
 
 
 def _carried(joints: np.ndarray, skin: np.ndarray, moves: np.ndarray) -> np.ndarray:

@@ -66,7 +66,9 @@ def build(body: Body, settings: Settings) -> Template:
     return ring
 
 
-def _seated(part: Body, places: Sequence[Float64[np.ndarray, "3"]], seat: float, chosen: Settings) -> Template:
+def _seated(
+    part: Body, places: Sequence[Float64[np.ndarray, "3"]], seat: float, chosen: Settings
+) -> Template:
     """The ring at the share `seat` of the phalanx; `places` as in _PLACES, `chosen` as settled."""
     hand = str(chosen.get("hand", "left"))
     base, joint, last, tip, back, palm = places
