@@ -1,4 +1,4 @@
-"""Landmarks and regions of a head that is nobody's: a person's, stretched to the given landmarks, seen from between the ears.
+"""Landmarks and regions of a head that is nobody's: a person's stretched to the given landmarks, seen from between the ears.
 
 A figure's skin does not tell where its forehead is, and it may be far from where a person's would be.  So every place of
 the stretched person goes along the line to the middle of the head until it meets the skin: outward where it is inside.
