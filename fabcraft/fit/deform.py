@@ -258,7 +258,7 @@ def _lock(
         raise InputError(
             f"{len(flags)} flags for {len(rest.faces)} faces say what is locked", "Give one for each face."
         )
-    return lock_weights(rest, flags, settings.locked_falloff_mm)
+    return lock_weights(rest, flags, settings.locked_falloff * float(rest.size_mm.max()))
 
 
 def _settled(mesh: Mesh, scene: _Scene) -> tuple[Mesh, float, float]:

@@ -86,8 +86,8 @@ class DeformSettings:
     """How much the guidance counts then; 0 switches it off and saves the pictures."""
     body_then: float = 10.0
     """How much the body's terms count then."""
-    locked_falloff_mm: float = 5.0
-    """How far from the locked faces the lock fades away."""
+    locked_falloff: float = 0.02
+    """How far along the surface the lock of the locked faces fades away, over the longest side."""
     remesh_every: int = 100
     """Steps between looks at the stretch, up to the fit phase; 0 never changes the triangles."""
     remesh_stretch: float = 1.5

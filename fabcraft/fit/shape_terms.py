@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64, Int
-from scipy.spatial import cKDTree
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 from torch import Tensor
 
 from fabcraft.fit.descend import State, rest_restriction
@@ -67,13 +68,27 @@ def edge_loss(lengths: Float[Tensor, " E"], rest: Float[Tensor, " E"]) -> Tensor
 
 
 def lock_weights(mesh: Mesh, locked: Bool[np.ndarray, " F"], falloff_mm: float) -> Float64[np.ndarray, " F"]:
-    """1 on locked faces, falling smoothly to 0 over `falloff_mm` from them."""
+    """1 on locked faces, falling smoothly to 0 over `falloff_mm` from them along the surface.
+
+    Not through the wall: what looks at the skin is locked, and on the other side of a thin wall is what is to be shaped.
+    """
     if not locked.any():
         return np.zeros(len(locked))
-    centres = mesh.corners.mean(1)
-    distances, _ = cKDTree(centres[locked]).query(centres)
+    distances = dijkstra(
+        _face_graph(mesh), directed=False, indices=np.flatnonzero(locked), min_only=True, limit=falloff_mm
+    )
     share = np.clip(1.0 - distances / max(falloff_mm, 1e-9), 0.0, 1.0)
     return np.where(locked, 1.0, share * share * (3.0 - 2.0 * share))
+
+
+def _face_graph(mesh: Mesh) -> csr_matrix:
+    """The ways between the middles of neighbouring faces, over the middle of the edge that they share, mm."""
+    edges, sides = edge_faces(mesh.faces)
+    pairs = (sides >= 0).all(1)
+    one, other = sides[pairs].T
+    middles, crossed = mesh.corners.mean(1), mesh.vertices[edges[pairs]].mean(1)
+    ways = sum(np.linalg.norm(middles[face] - crossed, axis=1) for face in (one, other))
+    return csr_matrix((ways, (one, other)), shape=(len(mesh.faces),) * 2)
 
 
 def _lock_term(

@@ -72,7 +72,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         made = deform(
             rest,
             body=distance if row.body else None,
-            contacts=contacts_of(template) if row.body else None,
+            contacts=contacts_of(template, rest) if row.body else None,
             guidance=guidance,
             settings=settings,
             locked=locked,
@@ -177,19 +177,29 @@ def goal_on(goal: Mesh, rest: Mesh, recipe: Recipe, pair: bool) -> tuple[Aligned
     return found, clean.notes
 
 
-def contacts_of(template: Template) -> "ContactSet | None":
-    """The skin that the template rests on, with its rules; None where there is none."""
+def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
+    """The skin that the placed solid `rest` is nearest to, with the gaps that it has there; None where it rests on nothing.
+
+    A region's nearest tenth: a temple or a tube crosses it on a line.  The seat that the template was built for is kept, a
+    ring's room for the knuckle with it.
+    """
     from fabcraft.fit.body_terms import ContactSet
 
-    body = template.body
+    body, surface = template.body, SurfaceDistance(rest)
     regions = [body.regions[name] for name in template.contacts if body.regions[name].weight > 0.0]
     if not regions:
         return None
-    chosen = np.concatenate([region.vertex_indices for region in regions])
-    weights = np.concatenate([region.weight * region.emphasis for region in regions])
-    least = template.listed_mm[0] if template.kind == "solid" else template.resting_mm
-    gaps = np.concatenate([np.full(len(region.vertex_indices), max(least, 0.0)) for region in regions])
-    return ContactSet(body.mesh.vertices[chosen], body.mesh.vertex_normals[chosen], gaps, weights)
+    chosen, weights, gaps = [], [], []
+    for region in regions:
+        away = surface.closest(body.mesh.vertices[region.vertex_indices]).distances
+        nearest = np.argsort(away, kind="stable")[: max(3, len(away) // 10)]
+        chosen.append(region.vertex_indices[nearest])
+        weights.append(region.weight * np.maximum(region.emphasis[nearest], 1e-3))
+        gaps.append(away[nearest])
+    rows = np.concatenate(chosen)
+    return ContactSet(
+        body.mesh.vertices[rows], body.mesh.vertex_normals[rows], np.concatenate(gaps), np.concatenate(weights)
+    )
 
 
 def _how(made: "Deformed") -> str:
