@@ -12,13 +12,12 @@ from jaxtyping import Float64
 
 from fabcraft.evaluate.suite import Design, drawing_of
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.guidance.alignment import aligned
 from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.pipeline import make
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import evened
-from fabcraft.road.guided import SHEET_WALL_MM, rest_of
+from fabcraft.road.guided import SHEET_WALL_MM, goal_on, rest_of
 from fabcraft.wearer import find_body
 
 THIN_MM = 0.35
@@ -41,10 +40,11 @@ def reference_of(design: Design, guidance: Mesh) -> Reference:
 
     Raises `InputError` where the body cannot wear it, or the guidance resembles the template too little.
     """
-    template, rest = rest_of(Recipe(template=design.template), find_body(design.body))
+    recipe = Recipe(template=design.template)
+    template, rest = rest_of(recipe, find_body(design.body))
     body = SurfaceDistance(template.body.mesh)
     worn = worn_solid(rest, template, body)
-    return Reference(body, worn.contacts, worn.gaps_mm, aligned(guidance, rest).mesh)
+    return Reference(body, worn.contacts, worn.gaps_mm, goal_on(guidance, rest, recipe, template)[0].mesh)
 
 
 def guidance_recipe(design: Design) -> Recipe | None:

@@ -4,7 +4,7 @@
 starts from the sizes of the two and may change by 40 % either way, or is kept.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -28,6 +28,9 @@ _KEPT = 0.9
 _ADVICE = ", say where it lies (--guidance-transform), or take it as it is (--force)."
 _SLID = 0.75
 """Share of the points that the last millimetres go by: there, horns and lumps only pull."""
+_ALIKE, _LEAST_SIDE, _RESIZED = 0.5, 0.4, 1.8
+"""Cosine with the seat's normals from which on a face looks at the skin too, how much of the seat's area such faces need,
+and by which factor the seat may change the size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +122,29 @@ def aligned(
             advice,
         )
     return Aligned(goal.with_vertices(found.points(goal.vertices)), residual, found)
+
+
+def seated(found: Aligned, seat: Mesh) -> Aligned:
+    """The guidance moved, turned and sized once more, so that what it has on the skin's side lies on `seat`.
+
+    seat : the part of the template that keeps its shape, mm.  An alligator that is thicker than a bangle has a smaller bore
+    when the two are of one size: it is the bore that has to go round the wrist.
+    The guidance stays where it is when it has no such side (a helmet without an opening), or none of about that size.
+    """
+    if found.given:
+        return found
+    faces, places = area_samples(seat.face_areas, _FINE, np.random.default_rng(0))
+    points = (places[:, :, None] * seat.corners[faces]).sum(1)
+    nearest = cKDTree(points).query(found.mesh.corners.mean(1))[1]
+    alike = np.einsum("ij,ij->i", found.mesh.face_normals, seat.face_normals[faces][nearest]) > _ALIKE
+    side = found.mesh.submesh(alike)
+    if side.face_areas.sum() < _LEAST_SIDE * seat.face_areas.sum():
+        return found
+    back = settled_on(SurfaceDistance(side), points, Similarity(), True, _SLID)
+    if not 1.0 / _RESIZED <= back.scale <= _RESIZED:
+        return found
+    more = back.inverse()
+    return replace(found, mesh=found.mesh.with_vertices(more.points(found.mesh.vertices)), placed=more.after(found.placed))
 
 
 def _require_surface(mesh: Mesh, what: str) -> None:

@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Bool
 
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.fit import presets
 from fabcraft.fit.presets import Baseline, DeformSettings, baseline, for_text
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by
+from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by, seated
 from fabcraft.guidance.clean import cleaned
 from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh, concatenate
@@ -47,13 +48,13 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     with clock.stage("guidance"):
         row = _method(recipe, template)
         settings = row.settings
-        locked = template.locked if row.locked and template.kind == "solid" else None
+        locked = locked_of(template) if row.locked else None
         guidance: list["Guide"] = []
         route: tuple[str, ...]
         said: tuple[str, ...] = ()
         if row.base == "guidance":
             assert given.goal is not None
-            goal, said = goal_on(given.goal, rest, recipe, template.pair)
+            goal, said = goal_on(given.goal, rest, recipe, template)
             rest, locked, route = goal.mesh, None, (f"the guidance mesh itself, {goal.words}",)
         elif row.guided == "nothing":
             route = ("the template itself",)
@@ -154,7 +155,7 @@ def _guidance(
     from fabcraft.guidance.target_points import TargetPoints
 
     assert given.goal is not None
-    goal, notes = goal_on(given.goal, rest, recipe, template.pair)
+    goal, notes = goal_on(given.goal, rest, recipe, template)
     inside = (
         torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float().to(device_of(settings.device))
     )
@@ -169,12 +170,20 @@ def _guidance(
     return [pictures, points], route, notes
 
 
-def goal_on(goal: Mesh, rest: Mesh, recipe: Recipe, pair: bool) -> tuple[Aligned, tuple[str, ...]]:
+def goal_on(goal: Mesh, rest: Mesh, recipe: Recipe, template: Template) -> tuple[Aligned, tuple[str, ...]]:
     """(the recipe's guidance mesh, cleaned and brought onto the solid `rest`, notes of what was left out)."""
-    clean = cleaned(goal, single=pair)
+    clean = cleaned(goal, single=template.pair)
     placed = placed_by(recipe.guidance_transform)
-    found = aligned(clean.mesh, rest, recipe.force) if placed is None else laid_on(clean.mesh, rest, placed)
-    return found, clean.notes
+    if placed is not None:
+        return laid_on(clean.mesh, rest, placed), clean.notes
+    found = aligned(clean.mesh, rest, recipe.force)
+    locked = locked_of(template)
+    return (found if locked is None else seated(found, rest.submesh(locked))), clean.notes
+
+
+def locked_of(template: Template) -> Bool[np.ndarray, " F"] | None:
+    """The faces of the solid that keep their shape; None for a sheet, whose solid has others than the template."""
+    return template.locked if template.kind == "solid" else None
 
 
 def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
