@@ -1,6 +1,6 @@
-"""Re-makes the pictures of all templates: plain on five bodies, with a star, and drawn as a whole.
+"""Re-makes the pictures of all templates: plain on every body, with a star, and drawn as a whole.
 
-Run in the repository's root: python examples/make_wardrobe.py (about ten minutes).
+Run in the repository's root: python examples/make_wardrobe.py (about twenty minutes).
 """
 
 import os
@@ -16,14 +16,14 @@ import fabcraft
 from fabcraft.errors import InputError
 from fabcraft.fitting_room import try_on
 from fabcraft.template.kinds import NAMES, SOLIDS
-from fabcraft.wearer import find_body
+from fabcraft.wearer import CHARACTERS, PRESETS, find_body
 from fabcraft.write.camera import View
 from fabcraft.write.picture import png_bytes
 from fabcraft.write.sheet import contact_sheet
 from fabcraft.write.wardrobe import wardrobe_picture, worn_picture
 
 HERE = Path(__file__).parent
-BODIES = ("man", "woman", "child", "dinosaur", "figure")
+BODIES = (*PRESETS, *CHARACTERS)
 SIZE = (420, 420)
 VIEWS = {"slippers": View(35.0, 35.0), "helmet": View(40.0, 15.0)}
 """Where the usual view hides what was drawn."""
@@ -42,7 +42,8 @@ def plain() -> np.ndarray:
             else:
                 column.append((tried.template, tried.object))
         columns.append(column)
-    return wardrobe_picture(NAMES, BODIES, columns)
+    picture = Image.fromarray(wardrobe_picture(NAMES, BODIES, columns))
+    return np.asarray(picture.reduce(2))
 
 
 def drawn(reading: str) -> np.ndarray:
