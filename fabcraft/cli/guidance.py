@@ -181,9 +181,10 @@ def _of_mesh(mesh: "Mesh", file: str, base: "Template", transform: str) -> tuple
 
         recipe = Recipe(template=base.name, guidance=file, guidance_transform=transform, force=True)
         rest = as_solid(base)
-        goal, notes = goal_on(mesh, rest, recipe, base)
+        body = SurfaceDistance(base.body.mesh)
+        goal, notes = goal_on(mesh, rest, recipe, base, body)
         used, placed, miss, limit = goal.mesh, goal.placed, goal.residual, WORST
-        body, keep_mm = SurfaceDistance(base.body.mesh), max(base.listed_mm[0], 0.0)
+        keep_mm = max(base.listed_mm[0], 0.0)
         points = TargetPoints.of(used, rest, body=body, clearance_mm=keep_mm)
         told["route"] += [goal.words, points.describe()]
         told["warnings"] = list(notes)

@@ -44,7 +44,9 @@ def reference_of(design: Design, guidance: Mesh) -> Reference:
     template, rest = rest_of(recipe, find_body(design.body))
     body = SurfaceDistance(template.body.mesh)
     worn = worn_solid(rest, template, body)
-    return Reference(body, worn.contacts, worn.gaps_mm, goal_on(guidance, rest, recipe, template)[0].mesh)
+    return Reference(
+        body, worn.contacts, worn.gaps_mm, goal_on(guidance, rest, recipe, template, body)[0].mesh
+    )
 
 
 def guidance_recipe(design: Design) -> Recipe | None:

@@ -22,7 +22,7 @@ from fabcraft.fit.losses import Term
 from fabcraft.fit.mirror import Mirror, symmetric
 from fabcraft.fit.presets import PRESETS, DeformSettings, ablations
 from fabcraft.fit.remesh import carried, refine, slivers
-from fabcraft.fit.settle import clear, settle_rigidly
+from fabcraft.fit.settle import clear, reseated, settle_rigidly
 from fabcraft.fit.shape_terms import lock_weights, shape_terms
 from fabcraft.fit.views import Guide, ViewBank, guidance_chunks, prepare
 from fabcraft.geometry.device import device_of
@@ -56,7 +56,7 @@ class Deformed:
     settled_mm: float
     """How far it was moved as a whole after the loop."""
     pushed_mm: float
-    """Largest push of the settling."""
+    """Largest push of the settling, locked faces brought back with it."""
     remeshed: int
     """How many times it was refined."""
 
@@ -121,7 +121,7 @@ def deform(
     if chosen.steps:
         prepare(scene.guidance, scene.bank, rest, device)
     now, history, stopped, remeshed = _descended(now, scene, watch)
-    settled, moved_mm, pushed_mm = _settled(now.mesh, scene)
+    settled, moved_mm, pushed_mm = _settled(now, scene)
     measured = asdict(seat(settled, body, contacts))
     return Deformed(
         settled, history, stopped, **measured, settled_mm=moved_mm, pushed_mm=pushed_mm, remeshed=remeshed
@@ -261,15 +261,17 @@ def _lock(
     return lock_weights(rest, flags, settings.locked_falloff * float(rest.size_mm.max()))
 
 
-def _settled(mesh: Mesh, scene: _Scene) -> tuple[Mesh, float, float]:
-    """Settled as a whole, then pushed out; and how far each moved it, mm."""
+def _settled(now: _Object, scene: _Scene) -> tuple[Mesh, float, float]:
+    """Its locked faces back where they were built, settled as a whole, then pushed out; and how far each moved it, mm."""
+    mesh = now.mesh
     if scene.body is None or not scene.settings.settle:
         return mesh, 0.0, 0.0
     wanted = np.full(len(mesh.vertices), scene.settings.clearance_mm)
-    settled = settle_rigidly(mesh, scene.body, wanted)
     spread = min(5.0, 0.1 * float(mesh.size_mm.max()))
+    seated, back = reseated(mesh, now.origin, now.lock, spread)
+    settled = settle_rigidly(seated, scene.body, wanted)
     pushed, most = clear(settled.mesh, scene.body, wanted, spread)
-    return pushed, float(np.linalg.norm(settled.shift_mm)), most
+    return pushed, float(np.linalg.norm(settled.shift_mm)), max(back, most)
 
 
 def _median_edge(mesh: Mesh) -> float:

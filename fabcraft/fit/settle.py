@@ -6,6 +6,7 @@ vertices and face centres, the missing clearance along the distance's gradient, 
 push is a swell and not a dent, and lifted until nothing is missing. `clear` repeats it until samples agree.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from scipy.sparse.linalg import splu
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.operators import laplacian
 from fabcraft.mesh import Mesh
+
+_RESEATED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,33 @@ def settle_rigidly(
     return Settled(mesh.with_vertices(points), shift, _angle_deg(turned))
 
 
+def reseated(
+    mesh: Mesh, origin: Float64[np.ndarray, "V 3"], lock: Float64[np.ndarray, " F"], spread_mm: float
+) -> tuple[Mesh, float]:
+    """The mesh with its locked faces back on the surface that they were built on, and the largest move, mm.
+
+    origin : where every vertex was built.  lock : how much each face is locked; wholly locked ones come back wholly, and the
+    move is felt about `spread_mm` around.  They come back along the normals: what has spread along the surface stays there.
+    """
+    held = mesh.faces[lock >= 1.0]
+    if len(held) == 0:
+        return mesh, 0.0
+    rows = np.unique(held)
+    built = SurfaceDistance(Mesh(origin, held))
+    spread = _spreading(mesh, spread_mm)
+    points, first = mesh.vertices.copy(), 0.0
+    for rounds in range(_RESEATED):
+        found = built.closest(points[rows])
+        normals = built.mesh.face_normals[found.faces]
+        # off the planes of the faces: beyond its border the surface goes on as it was
+        off = np.einsum("ij,ij->i", points[rows] - found.points, normals)[:, None] * normals
+        first = max(first, float(np.linalg.norm(off, axis=1).max()))
+        back = np.zeros_like(points)
+        back[rows] = -off
+        points += back if rounds == _RESEATED - 1 else spread(back)
+    return mesh.with_vertices(points), first
+
+
 def clear(
     mesh: Mesh,
     distance: SurfaceDistance,
@@ -111,24 +141,29 @@ def push_out(
 
     wanted_mm : distance to the skin per vertex.  spread_mm : how wide a push is felt.
     """
-    stiffness = laplacian(sheet.vertices, sheet.faces)
-    mass = np.bincount(
-        sheet.faces.ravel(), np.repeat(sheet.face_areas / 3.0, 3), minlength=len(sheet.vertices)
-    )
-    # (M + r² L) x = M b: a screened Laplacian spreads b over about r and keeps its mean
-    spread = splu((sparse.diags(mass) + spread_mm**2 * stiffness).tocsc())
+    spread = _spreading(sheet, spread_mm)
     points, largest = sheet.vertices.copy(), 0.0
     for _ in range(rounds):
         missing, direction = _missing(points, sheet.faces, distance, wanted_mm)
         if missing.max(initial=0.0) <= tolerance_mm:
             break
         largest = max(largest, float(missing.max()))
-        push = spread.solve(mass[:, None] * (missing[:, None] * direction))
+        push = spread(missing[:, None] * direction)
         along = (push * direction).sum(1)
         # the spread push is too weak at its peak: the rest of what is missing is added where it is missing
         push += np.maximum(missing - along, 0.0)[:, None] * direction
         points += push
     return sheet.with_vertices(points), largest
+
+
+def _spreading(
+    mesh: Mesh, spread_mm: float
+) -> Callable[[Float64[np.ndarray, "V 3"]], Float64[np.ndarray, "V 3"]]:
+    """What spreads moves of single vertices over about `spread_mm` and keeps their mean: (M + r² L) x = M b, a screened
+    Laplacian."""
+    mass = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), minlength=len(mesh.vertices))
+    solver = splu((sparse.diags(mass) + spread_mm**2 * laplacian(mesh.vertices, mesh.faces)).tocsc())
+    return lambda moves: solver.solve(mass[:, None] * moves)
 
 
 def _missing(

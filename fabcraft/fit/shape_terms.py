@@ -97,22 +97,22 @@ def _lock_term(
     origin: Float64[np.ndarray, "V 3"],
     device: torch.device | str,
 ) -> Callable[[State], Tensor]:
-    """Area mean of |J W − W|² over the locked faces, J that of where the vertices are.
+    """Area mean of ((c - c0) n0)² over the locked faces, c their middles, c0 and n0 where they were and looked to.
 
-    Not of what the unknowns ask for: those of neighbouring faces may contradict each other, and the solve then gives way.
+    They stay on the surface that was built for the skin, and may spread along it: a bore becomes longer, not narrower.
     """
     held = np.flatnonzero(lock > 0.0)
-    corners = system.rest[system.faces[held]]
-    # two edges of each face in its frame, as columns: R spans = the same edges now
-    spans = np.einsum("fek,fde->fkd", system.frames[held], np.diff(corners, axis=1))
-    inverse = torch.from_numpy(np.linalg.inv(spans)).float().to(device)
-    wanted = torch.from_numpy(system.restricted(origin)[held]).float().to(device)
+    faces = system.faces[held]
+    before = Mesh(origin, faces)
+    middles = torch.from_numpy(before.corners.mean(1)).float().to(device)
+    normals = torch.from_numpy(before.face_normals).float().to(device)
     weights = torch.from_numpy(lock[held] * system.areas[held]).float().to(device)
-    index = torch.from_numpy(system.faces[held].astype(np.int64)).to(device)
+    weights = weights / weights.sum()
+    index = torch.from_numpy(faces.astype(np.int64)).to(device)
 
     def locked(state: State) -> Tensor:
-        now = torch.diff(state.positions[index], dim=1).transpose(1, 2)
-        return jacobian_loss(now @ inverse, wanted, weights)
+        off = ((state.positions[index].mean(1) - middles) * normals).sum(1)
+        return (weights * off**2).sum()
 
     return locked
 

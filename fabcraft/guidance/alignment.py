@@ -144,7 +144,11 @@ def seated(found: Aligned, seat: Mesh) -> Aligned:
     if not 1.0 / _RESIZED <= back.scale <= _RESIZED:
         return found
     more = back.inverse()
-    return replace(found, mesh=found.mesh.with_vertices(more.points(found.mesh.vertices)), placed=more.after(found.placed))
+    return replace(
+        found,
+        mesh=found.mesh.with_vertices(more.points(found.mesh.vertices)),
+        placed=more.after(found.placed),
+    )
 
 
 def _require_surface(mesh: Mesh, what: str) -> None:

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from fabcraft.fit.deform import Deformed
     from fabcraft.fit.views import Guide
 
+_LOOKS = 0.9
+"""Cosine with the way to the skin from which on a face looks at it."""
 SHEET_WALL_MM = 4.0
 """Wall of a sheet that is deformed as a closed solid: a thinner one needs twice as many triangles to bend well."""
 
@@ -48,13 +50,13 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     with clock.stage("guidance"):
         row = _method(recipe, template)
         settings = row.settings
-        locked = locked_of(template) if row.locked else None
+        locked = locked_of(template, distance) if row.locked else None
         guidance: list["Guide"] = []
         route: tuple[str, ...]
         said: tuple[str, ...] = ()
         if row.base == "guidance":
             assert given.goal is not None
-            goal, said = goal_on(given.goal, rest, recipe, template)
+            goal, said = goal_on(given.goal, rest, recipe, template, distance)
             rest, locked, route = goal.mesh, None, (f"the guidance mesh itself, {goal.words}",)
         elif row.guided == "nothing":
             route = ("the template itself",)
@@ -155,7 +157,7 @@ def _guidance(
     from fabcraft.guidance.target_points import TargetPoints
 
     assert given.goal is not None
-    goal, notes = goal_on(given.goal, rest, recipe, template)
+    goal, notes = goal_on(given.goal, rest, recipe, template, distance)
     inside = (
         torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float().to(device_of(settings.device))
     )
@@ -170,20 +172,30 @@ def _guidance(
     return [pictures, points], route, notes
 
 
-def goal_on(goal: Mesh, rest: Mesh, recipe: Recipe, template: Template) -> tuple[Aligned, tuple[str, ...]]:
+def goal_on(
+    goal: Mesh, rest: Mesh, recipe: Recipe, template: Template, distance: SurfaceDistance
+) -> tuple[Aligned, tuple[str, ...]]:
     """(the recipe's guidance mesh, cleaned and brought onto the solid `rest`, notes of what was left out)."""
     clean = cleaned(goal, single=template.pair)
     placed = placed_by(recipe.guidance_transform)
     if placed is not None:
         return laid_on(clean.mesh, rest, placed), clean.notes
     found = aligned(clean.mesh, rest, recipe.force)
-    locked = locked_of(template)
+    locked = locked_of(template, distance)
     return (found if locked is None else seated(found, rest.submesh(locked))), clean.notes
 
 
-def locked_of(template: Template) -> Bool[np.ndarray, " F"] | None:
-    """The faces of the solid that keep their shape; None for a sheet, whose solid has others than the template."""
-    return template.locked if template.kind == "solid" else None
+def locked_of(template: Template, distance: SurfaceDistance) -> Bool[np.ndarray, " F"] | None:
+    """The locked faces that look at the skin, which stay on the surface that they were built on; None where there are none.
+
+    Of a wall's edges, which do not, guidance may make what it likes.  A sheet's solid has other faces than the template.
+    """
+    if template.kind != "solid" or template.locked is None:
+        return None
+    away = distance.signed_with_gradient(template.mesh.corners.mean(1))[1]
+    towards = np.einsum("ij,ij->i", away, template.mesh.face_normals) < -_LOOKS
+    locked = template.locked & towards
+    return locked if locked.any() else None
 
 
 def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
@@ -207,7 +219,10 @@ def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
         gaps.append(away[nearest])
     rows = np.concatenate(chosen)
     return ContactSet(
-        body.mesh.vertices[rows], body.mesh.vertex_normals[rows], np.concatenate(gaps), np.concatenate(weights)
+        body.mesh.vertices[rows],
+        body.mesh.vertex_normals[rows],
+        np.concatenate(gaps),
+        np.concatenate(weights),
     )
 
 
