@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int32
+from scipy.spatial import cKDTree
 
 from fabcraft.errors import InputError, MissingError, SolidError
 from fabcraft.geometry.edges import distinct_edges
@@ -32,6 +33,10 @@ _LEAST_SHARE = 0.5
 """Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
 _FACES_USED = 3.0
 """Faces that remeshing starts from, over those that it makes."""
+_RINGS = 2
+"""Faces round the chosen ones that are given along: only those next to them can change."""
+_ROUNDING = 1e-6
+"""What has stayed where it was may have moved by this share of an edge."""
 _OVERLAP = 1.4
 """A part is meshed together with neighbours that want up to this many times the longest length of the part."""
 
@@ -127,23 +132,55 @@ def _passes(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> list[tuple[flo
 def _remeshed(
     mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True
 ) -> Mesh:
+    """One run over the chosen faces; what is far from them is not even looked at."""
+    faces = np.ones(len(mesh.faces), dtype=bool) if chosen is None else chosen(mesh)
+    if not faces.any():
+        return mesh
+    part = faces
+    for _ in range(_RINGS):
+        touched = np.zeros(len(mesh.vertices), dtype=bool)
+        touched[mesh.faces[part]] = True
+        part = touched[mesh.faces].any(1)
+    made = _run(mesh.submesh(part), edge_mm, crease_deg, rounds, faces[part], split)
+    return made if part.all() else _joined(mesh, ~part, made, edge_mm)
+
+
+def _joined(mesh: Mesh, kept: Bool[np.ndarray, " F"], made: Mesh, edge_mm: float) -> Mesh:
+    """The kept faces of the mesh, and what was made of the others, whose border has stayed where it was."""
+    rest = mesh.submesh(kept)
+    ends, _, faces_at = distinct_edges(rest.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
+    rim = np.unique(ends[faces_at == 1])
+    away, same = cKDTree(made.vertices).query(rest.vertices[rim])
+    stayed = away < _ROUNDING * edge_mm
+    number = len(rest.vertices) + np.arange(len(made.vertices), dtype=np.int32)
+    number[same[stayed]] = rim[stayed]
+    faces = np.concatenate([rest.faces, number[made.faces]])
+    return _used(Mesh(np.concatenate([rest.vertices, made.vertices]), faces, mesh.name))
+
+
+def _run(
+    mesh: Mesh,
+    edge_mm: float,
+    crease_deg: float,
+    rounds: int,
+    chosen: Bool[np.ndarray, " F"],
+    split: bool,
+) -> Mesh:
     """One run of MeshLab's filter over the chosen faces."""
     try:
         import pymeshlab
     except ImportError as error:
         raise MissingError("remeshing needs pymeshlab", "Run `pip install pymeshlab`.") from error
-    faces = np.ones(len(mesh.faces)) if chosen is None else chosen(mesh).astype(np.float64)
-    if not faces.any():
-        return mesh
     meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.vertices), np.array(mesh.faces), f_scalar_array=faces))
+    quality = chosen.astype(np.float64)
+    meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.vertices), np.array(mesh.faces), f_scalar_array=quality))
     meshes.compute_selection_by_condition_per_face(condselect="fq > 0.5")
     meshes.meshing_isotropic_explicit_remeshing(
         iterations=rounds,
         targetlen=pymeshlab.PureValue(_MEAN_SHARE * edge_mm),
         featuredeg=crease_deg,
         checksurfdist=False,
-        selectedonly=chosen is not None,
+        selectedonly=not chosen.all(),
         splitflag=split,
     )
     meshes.meshing_remove_unreferenced_vertices()
