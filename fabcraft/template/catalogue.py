@@ -28,6 +28,15 @@ class Kind:
     parameters: tuple[Parameter, ...]
     process_note: str = ""
     """What makers should know of printing it, one sentence."""
+    play: str = ""
+    """The parameter that is the printer's clearance of moving parts where nothing else is asked; "" where nothing moves."""
+
+    def playing(self, given: Settings, moving_mm: float) -> Settings:
+        """The settings for a printer that keeps moving parts `moving_mm` apart."""
+        if not self.play or self.play in given:
+            return given
+        one = next(parameter for parameter in self.parameters if parameter.name == self.play)
+        return {**given, self.play: min(max(moving_mm, one.low), one.high)}
 
     def settled(self, given: Settings) -> dict[str, float | str]:
         """The settings, checked: known names, numbers within their range; names of sizes are left to the builder.
