@@ -93,7 +93,7 @@ def frame_of(template: Template, name: str, reading: str) -> MotifFrame:
 
 def _where(template: Template, frame: MotifFrame, width: float, height: float) -> str:
     """Size and place of the drawing, as a line of the route."""
-    what = f"the {template.name} itself" if frame.reading == "object" else "a motif"
+    what = f"the whole {template.name}" if frame.reading == "object" else "a motif"
     return f"{what}, {width:.0f} x {height:.0f} mm, on the {frame.name}"
 
 
