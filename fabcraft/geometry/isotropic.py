@@ -132,55 +132,23 @@ def _passes(mesh: Mesh, edge_mm: float, finer: Lengths | None) -> list[tuple[flo
 def _remeshed(
     mesh: Mesh, edge_mm: float, crease_deg: float, rounds: int, chosen: Chosen, split: bool = True
 ) -> Mesh:
-    """One run over the chosen faces; what is far from them is not even looked at."""
-    faces = np.ones(len(mesh.faces), dtype=bool) if chosen is None else chosen(mesh)
-    if not faces.any():
-        return mesh
-    part = faces
-    for _ in range(_RINGS):
-        touched = np.zeros(len(mesh.vertices), dtype=bool)
-        touched[mesh.faces[part]] = True
-        part = touched[mesh.faces].any(1)
-    made = _run(mesh.submesh(part), edge_mm, crease_deg, rounds, faces[part], split)
-    return made if part.all() else _joined(mesh, ~part, made, edge_mm)
-
-
-def _joined(mesh: Mesh, kept: Bool[np.ndarray, " F"], made: Mesh, edge_mm: float) -> Mesh:
-    """The kept faces of the mesh, and what was made of the others, whose border has stayed where it was."""
-    rest = mesh.submesh(kept)
-    ends, _, faces_at = distinct_edges(rest.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
-    rim = np.unique(ends[faces_at == 1])
-    away, same = cKDTree(made.vertices).query(rest.vertices[rim])
-    stayed = away < _ROUNDING * edge_mm
-    number = len(rest.vertices) + np.arange(len(made.vertices), dtype=np.int32)
-    number[same[stayed]] = rim[stayed]
-    faces = np.concatenate([rest.faces, number[made.faces]])
-    return _used(Mesh(np.concatenate([rest.vertices, made.vertices]), faces, mesh.name))
-
-
-def _run(
-    mesh: Mesh,
-    edge_mm: float,
-    crease_deg: float,
-    rounds: int,
-    chosen: Bool[np.ndarray, " F"],
-    split: bool,
-) -> Mesh:
     """One run of MeshLab's filter over the chosen faces."""
     try:
         import pymeshlab
     except ImportError as error:
         raise MissingError("remeshing needs pymeshlab", "Run `pip install pymeshlab`.") from error
+    faces = np.ones(len(mesh.faces)) if chosen is None else chosen(mesh).astype(np.float64)
+    if not faces.any():
+        return mesh
     meshes = pymeshlab.MeshSet(verbose=False)
-    quality = chosen.astype(np.float64)
-    meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.vertices), np.array(mesh.faces), f_scalar_array=quality))
+    meshes.add_mesh(pymeshlab.Mesh(np.array(mesh.vertices), np.array(mesh.faces), f_scalar_array=faces))
     meshes.compute_selection_by_condition_per_face(condselect="fq > 0.5")
     meshes.meshing_isotropic_explicit_remeshing(
         iterations=rounds,
         targetlen=pymeshlab.PureValue(_MEAN_SHARE * edge_mm),
         featuredeg=crease_deg,
         checksurfdist=False,
-        selectedonly=not chosen.all(),
+        selectedonly=chosen is not None,
         splitflag=split,
     )
     meshes.meshing_remove_unreferenced_vertices()
@@ -258,14 +226,37 @@ def _topology(faces: Int32[np.ndarray, "F 3"]) -> tuple[int, int, bool]:
 
 
 def isotropic_within(mesh: Mesh, edge_mm: float, chosen: Bool[np.ndarray, " F"]) -> Mesh:
-    """The same for the chosen faces alone; the others stay as they are.
+    """The same for the chosen faces alone; the others stay as they are, and what is far is not even looked at.
 
     Raises `SolidError` when the genus or the borders would change.
     """
-    even = _remeshed(mesh, edge_mm, _NO_CREASE_DEG, _ROUNDS, lambda _: chosen)
+    if not chosen.any():
+        return mesh
+    part = chosen
+    for _ in range(_RINGS):
+        touched = np.zeros(len(mesh.vertices), dtype=bool)
+        touched[mesh.faces[part]] = True
+        part = touched[mesh.faces].any(1)
+    near = chosen[part]
+    even = _remeshed(mesh.submesh(part), edge_mm, _NO_CREASE_DEG, _ROUNDS, lambda _: near)
+    if not part.all():
+        even = _joined(mesh, ~part, even, edge_mm)
     if _topology(even.faces) != _topology(mesh.faces):
         raise SolidError(
             f"{mesh.name or 'the surface'} cannot be meshed with edges of {edge_mm:g} mm: its details are too small",
             "Ask for shorter edges.",
         )
     return even
+
+
+def _joined(mesh: Mesh, kept: Bool[np.ndarray, " F"], made: Mesh, edge_mm: float) -> Mesh:
+    """The kept faces of the mesh, and what was made of the others, whose border has stayed where it was."""
+    rest = mesh.submesh(kept)
+    ends, _, faces_at = distinct_edges(rest.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
+    rim = np.unique(ends[faces_at == 1])
+    away, same = cKDTree(made.vertices).query(rest.vertices[rim])
+    stayed = away < _ROUNDING * edge_mm
+    number = len(rest.vertices) + np.arange(len(made.vertices), dtype=np.int32)
+    number[same[stayed]] = rim[stayed]
+    faces = np.concatenate([rest.faces, number[made.faces]])
+    return _used(Mesh(np.concatenate([rest.vertices, made.vertices]), faces, mesh.name))
