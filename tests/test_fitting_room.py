@@ -120,6 +120,10 @@ def test_a_masks_wall_is_a_parameter_like_the_others():
 
 
 def test_refusals_say_glasses_and_not_a_glasses():
-    assert [with_article(name) for name in ("ring", "glasses", "slippers")] == ["a ring", "glasses", "slippers"]
+    assert [with_article(name) for name in ("ring", "glasses", "slippers")] == [
+        "a ring",
+        "glasses",
+        "slippers",
+    ]
     with pytest.raises(InputError, match="the figure cannot wear glasses: "):
         plain("glasses", find_body("figure"))

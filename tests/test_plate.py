@@ -37,7 +37,9 @@ def test_a_pair_too_large_for_the_bed_as_it_lies_is_turned_and_arranged_unasked(
     made = prepare(soles, MK4, PlateSettings())
     assert len(made.pieces) == 2
     assert (made.whole.bounds >= -1e-6).all() and (made.whole.bounds[1] <= MK4.build_mm).all()
-    assert prepare(box(400.0, 400.0, 400.0), MK4, PlateSettings()).pieces[0].size_mm == pytest.approx([400.0] * 3)
+    assert prepare(box(400.0, 400.0, 400.0), MK4, PlateSettings()).pieces[0].size_mm == pytest.approx(
+        [400.0] * 3
+    )
 
 
 def test_each_of_a_pair_gets_its_side_and_its_place() -> None:

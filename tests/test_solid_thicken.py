@@ -253,13 +253,17 @@ def test_a_tall_cone_on_the_inner_side_is_followed_to_its_tip():
 
 
 def test_what_is_added_up_to_the_body_gets_a_round_edge_there():
-    floor = trimesh.creation.box([60, 60, 4], transform=trimesh.transformations.translation_matrix([0, 0, -7]))
+    floor = trimesh.creation.box(
+        [60, 60, 4], transform=trimesh.transformations.translation_matrix([0, 0, -7])
+    )
     body, settings = SurfaceDistance(mesh_of(floor)), SolidSettings(wall_mm=2.0, cell_mm=0.4)
 
     def pad(points):
         return np.clip(26.0 - 4.0 * np.hypot(points[:, 0], points[:, 1]), 0.0, 6.0)
 
-    made = [solidify(plate(), settings, body, SheetSide(inner_mm=pad, inner_edge_mm=edge)) for edge in (0.0, 1.5)]
+    made = [
+        solidify(plate(), settings, body, SheetSide(inner_mm=pad, inner_edge_mm=edge)) for edge in (0.0, 1.5)
+    ]
     square, rounded = (measure_sharp_edges(one.mesh, body).length_mm for one in made)
     assert square > 15.0 and rounded < 3.0
     low = [one.mesh.bounds[0][2] for one in made]

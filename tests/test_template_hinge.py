@@ -92,7 +92,9 @@ def test_what_moves_keeps_the_clearance_of_the_printer():
     parts = inspect_topology(glasses.mesh).part_of_face
     assert glasses.parameters["hinge_play"] == PLAY_MM
     assert measure_gaps(glasses.mesh, parts, PLAY_MM, 0.4).between_mm is None
-    assert measure_gaps(glasses.mesh, parts, PLAY_MM + 0.2, 0.4).between_mm == pytest.approx(PLAY_MM, abs=0.02)
+    assert measure_gaps(glasses.mesh, parts, PLAY_MM + 0.2, 0.4).between_mm == pytest.approx(
+        PLAY_MM, abs=0.02
+    )
 
 
 def test_a_recipe_hands_the_clearance_of_its_printer_on():

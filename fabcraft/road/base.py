@@ -79,7 +79,9 @@ def built(
 def asked(recipe: Recipe, profile: PrinterProfile) -> Settings:
     """The parameters that a recipe sets, and the play between moving parts that its printer needs."""
     like = recipe.own.like if is_own(recipe.template) else recipe.template
-    return kind_of(like).playing(recipe.parameters, profile.clearance_moving_mm) if like else recipe.parameters
+    return (
+        kind_of(like).playing(recipe.parameters, profile.clearance_moving_mm) if like else recipe.parameters
+    )
 
 
 def as_solid(template: Template) -> Mesh:

@@ -42,7 +42,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     from fabcraft.fit.deform import deform
 
     with clock.stage("template"):
-        template, rest = rest_of(replace(recipe, parameters=asked(recipe, profile)), body)
+        template, rest = rest_of(replace(recipe, parameters=dict(asked(recipe, profile))), body)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         row = _method(recipe, template)

@@ -138,9 +138,11 @@ def _before_the_face(face: Face, front: Front) -> Front:
         room[u < 0.5 * sizes.bridge + sizes.rim] = clear(NOSE_MM)
         front = replace(front, rolled=rolled, outline=outline)
         missing = w + front.thick + room
-        near, missing = flat[missing > 0.0, :2], missing[missing > 0.0]
-        material = inside(near, [np.append(outline, outline[:1], axis=0)]) & ~inside(near, [front.lens])
-        short = float(missing[material].max(initial=0.0))
+        boxed = (flat[:, :2] >= outline.min(0)) & (flat[:, :2] <= outline.max(0))
+        near = np.flatnonzero((missing > 0.0) & boxed.all(1))
+        near = near[inside(flat[near, :2], [np.append(outline, outline[:1], axis=0)])]
+        near = near[~inside(flat[near, :2], [front.lens])]
+        short = float(missing[near].max(initial=0.0))
         step = max(short, 0.6 * k if _rim_left(front.lens, nose) < _NASAL * sizes.rim else 0.0)
         if step <= 0.02:
             break

@@ -114,7 +114,9 @@ def hinge_of(side: Temple, start_mm: float, style: str, play_mm: float = PLAY_MM
         )
     axis = side.line[at] - 0.5 * side.thickness * off[at]
     frame = np.stack([off[at], ahead[at], up[at]])
-    return Hinge(axis, frame, hole, 0.5 * pin if style == "pin" else 0.0, barrel, knuckle, side.thickness, play_mm)
+    return Hinge(
+        axis, frame, hole, 0.5 * pin if style == "pin" else 0.0, barrel, knuckle, side.thickness, play_mm
+    )
 
 
 def hinged(solid: Mesh, hinge: Hinge) -> Mesh:

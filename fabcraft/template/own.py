@@ -39,7 +39,9 @@ DIRECTIONS = {
 }
 """Words for directions, the wearer's."""
 MAX_SPHERES = 200
-_NO_SLOTS = "It gets no strap slots: they go into the wall of an own visor only, where the built-in one has them."
+_NO_SLOTS = (
+    "It gets no strap slots: they go into the wall of an own visor only, where the built-in one has them."
+)
 _AWAY_MM, _WITHIN = 60.0, 0.5
 """Farther from the skin, or with a larger share inside the body, it is in the wrong place."""
 
