@@ -57,18 +57,19 @@ def prepare(
 ) -> Prepared:
     """The closed `mesh` as the settings ask, on the bed.
 
+    What is too large as it lies is arranged part by part, each turned if it fits in another pose, though nobody asked.
     skin : faces that touch the wearer.  words : what the label's placeholders stand for.  pair : the part at x > 0 is L.
     Raises `InputError` for a label that cannot be filled, `SolidError` when a part cannot be made.
     """
-    if not settings.asked:
-        placed = onto_bed(mesh, profile)
+    placed = onto_bed(mesh, profile)
+    groups = _apart(mesh) if settings.asked or not placed.fits else []
+    hopeless = len(groups) == 1 and not fits(mesh, profile)
+    if not settings.asked and (placed.fits or hopeless):
         return Prepared((placed.mesh,), (f"laid on the bed {placed.words}",))
     work = _Work(profile, settings, dict(words or {}))
     skin = np.zeros(len(mesh.faces), dtype=bool) if skin is None else skin
-    groups = _apart(mesh)
     laid = mesh
     if not settings.orient:
-        placed = onto_bed(mesh, profile)
         laid = placed.mesh
         work.route.append(f"laid on the bed {placed.words}")
     pieces: list[Mesh] = []
@@ -79,7 +80,7 @@ def prepare(
             known = {"L": "left", "R": "right", "": f"{len(pieces) + 1}"}[side]
             one = replace(one, name=f"{mesh.name or 'part'}, {known}")
         pieces += work.done(one, skin[group], side)
-    spread = settings.orient or settings.arrange or len(pieces) > len(groups)
+    spread = settings.orient or settings.arrange or len(pieces) > len(groups) or not placed.fits
     if spread:
         found = arrange(pieces, profile)
         pieces = list(found.meshes)
@@ -111,7 +112,7 @@ class _Work:
 
     def done(self, mesh: Mesh, skin: Bool[np.ndarray, " F"], side: str) -> list[Mesh]:
         """One part, ready: itself, or what it was split into, and the pins."""
-        if self.settings.orient:
+        if self.settings.orient or (not self._lies_in(mesh) and fits(mesh, self.profile)):
             found = oriented(mesh, self.profile, skin if skin.any() else None)
             mesh = found.mesh
             self.route.append(found.words if self.profile.process in ("fdm", "sla") else "turned to lie low")
@@ -197,6 +198,11 @@ class _Work:
     def _on_its_own(self, part: Mesh) -> Mesh:
         """A part of a split object in a pose that fits: the one with the least support."""
         return oriented(part, self.profile).mesh
+
+    def _lies_in(self, mesh: Mesh) -> bool:
+        """Whether it fits the build volume as it lies, or turned by a right angle."""
+        room, size = np.array(self.profile.build_mm), mesh.size_mm
+        return bool(size[2] <= room[2] and (np.sort(size[:2]) <= np.sort(room[:2])).all())
 
     def _add(self, name: str, value: float) -> None:
         self.numbers[name] = self.numbers.get(name, 0.0) + value

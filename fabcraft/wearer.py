@@ -10,6 +10,7 @@ from fabcraft.body.character import CHARACTERS, character
 from fabcraft.body.human import PRESETS, human
 from fabcraft.errors import InputError
 from fabcraft.recipe import Recipe
+from fabcraft.template.kinds import with_article
 
 
 def find_body(
@@ -87,6 +88,6 @@ def require_wearable(body: Body, template: str) -> None:
     """Raise `InputError` when `template` does not go on `body`, with the reason."""
     if template in body.unwearable:
         raise InputError(
-            f"the {body.name} cannot wear a {template}: {body.unwearable[template]}",
+            f"the {body.name} cannot wear {with_article(template)}: {body.unwearable[template]}",
             "Choose another template or another body (fabcraft bodies).",
         )

@@ -91,6 +91,36 @@ def test_a_square_rim_beside_the_skin_is_sharp_and_a_round_one_is_not():
     assert measure_sharp_edges(round_one, arm).length_mm == 0
 
 
+def with_upright_slivers(mesh, face):
+    """The mesh with two slivers along the longest edge of a face, standing square on it."""
+    corners = mesh.vertices[mesh.faces[face]]
+    first = int(np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1).argmax())
+    a, b = mesh.faces[face, first], mesh.faces[face, (first + 1) % 3]
+    low = len(mesh.vertices)
+    middle = mesh.vertices[[a, b]].mean(0)
+    vertices = np.vstack([mesh.vertices, middle, middle + 0.004 * mesh.face_normals[face]])
+    faces = [[a, low + 1, low], [low, low + 1, b]]
+    for corner in mesh.faces:
+        at = [k for k in range(3) if {corner[k], corner[(k + 1) % 3]} == {a, b}]
+        if not at:
+            faces.append(corner)
+            continue
+        one, other, third = np.roll(corner, -at[0])
+        new = low if one == a else low + 1
+        faces += [[one, new, third], [new, other, third]]
+    return Mesh(vertices, np.array(faces, dtype=np.int32), mesh.name)
+
+
+def test_a_sliver_is_no_edge_and_hides_none():
+    block, plane = box(20, 20, 4), SurfaceDistance(moved(box(100, 100, 10), 0, 0, -7.5))
+    alone = measure_sharp_edges(block, plane).length_mm
+    assert alone == pytest.approx(80, rel=0.3)
+    below = int(np.argmin(block.face_normals[:, 2]))  # their longest edge is the diagonal of the underside
+    marred = with_upright_slivers(block, below)
+    assert inspect_topology(marred).solid
+    assert measure_sharp_edges(marred, plane).length_mm == pytest.approx(alone, abs=1e-3)
+
+
 def test_inner_corners_beside_the_skin_do_not_press():
     plane = SurfaceDistance(moved(box(100, 100, 10), 0, 0, -7))
     step = cut(box(20, 20, 4), moved(box(10, 30, 2), 0, 0, 1))

@@ -9,7 +9,7 @@ from fabcraft.body.human import human
 from fabcraft.cli import main
 from fabcraft.errors import InputError
 from fabcraft.fitting_room import plain, try_on
-from fabcraft.template.kinds import KINDS, NAMES, kind_of
+from fabcraft.template.kinds import KINDS, NAMES, kind_of, with_article
 from fabcraft.wearer import find_body
 
 
@@ -59,7 +59,7 @@ def test_every_kind_is_there_with_its_name(name):
     kind = kind_of(name)
     assert kind.name == name and KINDS[name]
     assert all(one.meaning for one in kind.parameters)
-    with pytest.raises(InputError, match=rf"a {name} has no 'nonsense'"):
+    with pytest.raises(InputError, match=rf"no 'nonsense' to set of (a )?{name}"):
         kind.settled({"nonsense": 1.0})
 
 
@@ -125,3 +125,13 @@ def test_a_masks_wall_is_a_parameter_like_the_others():
     assert asked_wall_mm(Recipe(parameters={"wall": 2.0}, wall_mm=3.0)) == 2.0
     with pytest.raises(InputError, match="wall = 99 was asked of the mask"):
         asked_wall_mm(Recipe(parameters={"wall": 99.0}))
+
+
+def test_refusals_say_glasses_and_not_a_glasses():
+    assert [with_article(name) for name in ("ring", "glasses", "slippers")] == [
+        "a ring",
+        "glasses",
+        "slippers",
+    ]
+    with pytest.raises(InputError, match="the figure cannot wear glasses: "):
+        plain("glasses", find_body("figure"))

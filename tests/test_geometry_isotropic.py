@@ -6,7 +6,7 @@ import trimesh
 
 from fabcraft.errors import InputError, SolidError
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.geometry.isotropic import isotropic
+from fabcraft.geometry.isotropic import isotropic, isotropic_within
 from fabcraft.mesh import Mesh
 
 
@@ -50,6 +50,16 @@ def test_a_mirrored_mesh_is_its_own_mirror_image(torus):
     image = even.vertices * [-1.0, 1.0, 1.0] + 0.0
     order = np.lexsort(np.round(even.vertices, 9).T)
     assert image[np.lexsort(np.round(image, 9).T)] == pytest.approx(even.vertices[order], abs=1e-9)
+
+
+def test_far_from_what_is_meshed_anew_every_face_stays_and_nothing_opens(torus):
+    chosen = torus.corners.mean(1)[:, 0] > 15.0
+    even = isotropic_within(torus, 3.0, chosen)
+    shape = trimesh.Trimesh(even.vertices, even.faces, process=False)
+    assert shape.is_watertight and shape.is_winding_consistent and shape.euler_number == 0
+    places = {corners.tobytes() for corners in even.corners}
+    assert sum(corners.tobytes() in places for corners in torus.corners[~chosen]) > 0.98 * (~chosen).sum()
+    assert len(even.faces) < len(torus.faces) - 0.5 * chosen.sum()
 
 
 def test_creases_stay_where_asked():

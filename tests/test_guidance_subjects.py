@@ -146,8 +146,8 @@ def test_two_side_by_side_are_one_outline_as_large_as_both():
     [
         ("heart and star", "mask", "", "no mask"),
         ("key with heart", "ring", "", "no room"),
-        ("cat", "ring", "object", "no drawing of a whole ring"),
-        ("star with heart", "ring", "object", "no drawing of a whole ring"),
+        ("cat", "ring", "object", "no drawing of the whole ring"),
+        ("star with heart", "ring", "object", "no drawing of the whole ring"),
     ],
 )
 def test_what_does_not_compose_is_refused_with_a_reason(text, template, reading, why):

@@ -31,6 +31,17 @@ def test_nothing_asked_is_laid_as_before() -> None:
     assert made.findings == ()
 
 
+def test_a_pair_too_large_for_the_bed_as_it_lies_is_turned_and_arranged_unasked() -> None:
+    soles = concatenate([box(100.0, 270.0, 20.0, at=(x, 0.0, 0.0)) for x in (-80.0, 80.0)], "soles")
+    assert not onto_bed(soles, MK4).fits
+    made = prepare(soles, MK4, PlateSettings())
+    assert len(made.pieces) == 2
+    assert (made.whole.bounds >= -1e-6).all() and (made.whole.bounds[1] <= MK4.build_mm).all()
+    assert prepare(box(400.0, 400.0, 400.0), MK4, PlateSettings()).pieces[0].size_mm == pytest.approx(
+        [400.0] * 3
+    )
+
+
 def test_each_of_a_pair_gets_its_side_and_its_place() -> None:
     made = prepare(
         pair(), MK4, PlateSettings(label="{size} {side}", orient=True), None, {"size": "EU42"}, True

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from fabcraft.check.sharp import measure_sharp_edges
 from fabcraft.errors import InputError, SolidError
 from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
@@ -249,6 +250,24 @@ def test_a_tall_cone_on_the_inner_side_is_followed_to_its_tip():
     assert result.mesh.bounds[1][2] == pytest.approx(1.0, abs=0.02)
     assert result.numbers["parts"] == 1
     assert_sound(result.mesh)
+
+
+def test_what_is_added_up_to_the_body_gets_a_round_edge_there():
+    floor = trimesh.creation.box(
+        [60, 60, 4], transform=trimesh.transformations.translation_matrix([0, 0, -7])
+    )
+    body, settings = SurfaceDistance(mesh_of(floor)), SolidSettings(wall_mm=2.0, cell_mm=0.4)
+
+    def pad(points):
+        return np.clip(26.0 - 4.0 * np.hypot(points[:, 0], points[:, 1]), 0.0, 6.0)
+
+    made = [
+        solidify(plate(), settings, body, SheetSide(inner_mm=pad, inner_edge_mm=edge)) for edge in (0.0, 1.5)
+    ]
+    square, rounded = (measure_sharp_edges(one.mesh, body).length_mm for one in made)
+    assert square > 15.0 and rounded < 3.0
+    low = [one.mesh.bounds[0][2] for one in made]
+    assert low == pytest.approx([-4.5, -4.5], abs=0.1)  # it still reaches as far
 
 
 def test_heights_are_asked_at_the_place_where_the_sheet_was_given():

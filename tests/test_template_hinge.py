@@ -6,11 +6,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tried import assert_comes_off, assert_seated, assert_sound, assert_walled, built, skin
 
+from fabcraft.check.gap import measure_gaps
 from fabcraft.check.topology import inspect_topology
 from fabcraft.errors import InputError, SolidError
+from fabcraft.profile import load_profile
+from fabcraft.recipe import Recipe
+from fabcraft.road.base import asked
 from fabcraft.solid.manifolds import joined, part_count, to_manifold, to_mesh, without_specks
 from fabcraft.solid.simplify import simplify_manifold
-from fabcraft.template.hinge import CLEARANCE_MM, SCREW_MM, hinge_of, hinged
+from fabcraft.template.glasses import KIND
+from fabcraft.template.hinge import PLAY_MM, SCREW_MM, hinge_of, hinged
 from fabcraft.template.temples import Temple
 
 STYLES = {"pin": [1, 4, 1], "screw": [1, 6, 1]}
@@ -67,7 +72,7 @@ def test_both_temples_fold_and_keep_their_clearance_at_every_angle(style):
         for angle in (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 65.0, 75.0, 85.0):
             now = turned(temple, axis, angle)
             assert (now ^ front).volume() == 0.0 == (now ^ other).volume()
-            assert now.min_gap(front, 1.0) > 0.95 * CLEARANCE_MM
+            assert now.min_gap(front, 1.0) > 0.95 * PLAY_MM
         assert axis.folds_deg == 85.0
         folded = turned(temple, axis, 85.0).bounding_box()
         assert folded[4] - folded[1] < 0.5 * np.ptp(glasses.mesh.vertices[:, 1])
@@ -76,7 +81,26 @@ def test_both_temples_fold_and_keep_their_clearance_at_every_angle(style):
 def test_a_temple_does_not_open_outwards(style):
     glasses = built("glasses", "child", hinge=style)
     _, front, left = bodies(glasses.mesh)
-    assert (turned(left, glasses.hinges[1], -10.0) ^ front).volume() > 0.01
+    assert (turned(left, glasses.hinges[1], -12.0) ^ front).volume() > 0.01
+
+
+def test_what_moves_keeps_the_clearance_of_the_printer():
+    assert KIND.playing({"hinge": "pin"}, 0.6) == {"hinge": "pin", "hinge_play": 0.6}
+    assert KIND.playing({"hinge_play": 0.3}, 0.6) == {"hinge_play": 0.3}
+    assert KIND.playing({}, 9.0)["hinge_play"] == 1.0
+    glasses = built("glasses", "child", hinge="pin")
+    parts = inspect_topology(glasses.mesh).part_of_face
+    assert glasses.parameters["hinge_play"] == PLAY_MM
+    assert measure_gaps(glasses.mesh, parts, PLAY_MM, 0.4).between_mm is None
+    assert measure_gaps(glasses.mesh, parts, PLAY_MM + 0.2, 0.4).between_mm == pytest.approx(
+        PLAY_MM, abs=0.02
+    )
+
+
+def test_a_recipe_hands_the_clearance_of_its_printer_on():
+    profile = load_profile("sls-pa12")
+    assert asked(Recipe(template="glasses"), profile) == {"hinge_play": profile.clearance_moving_mm}
+    assert asked(Recipe(template="ring", parameters={"width": 5.0}), profile) == {"width": 5.0}
 
 
 def test_the_pin_holds_the_temple_and_a_screw_passes():
@@ -106,13 +130,13 @@ def test_what_finishes_a_solid_keeps_the_three_bodies_apart(style):
     assert dropped == 0 and part_count(kept) == 3
     fewer, _ = simplify_manifold(kept, 0.01)
     right, front, left = bodies(fewer)
-    assert min(right.min_gap(front, 1.0), left.min_gap(front, 1.0)) > 0.95 * CLEARANCE_MM
+    assert min(right.min_gap(front, 1.0), left.min_gap(front, 1.0)) > 0.95 * PLAY_MM
     assert [right.genus(), front.genus(), left.genus()] == STYLES[style]
 
 
 def test_a_plate_is_made_one_with_one_part_only():
     cube = manifold3d.Manifold.cube((10.0, 10.0, 4.0))
-    carrier = to_mesh(cube + cube.translate((10.0 + CLEARANCE_MM, 0.0, 0.0)), "pair")
+    carrier = to_mesh(cube + cube.translate((10.0 + PLAY_MM, 0.0, 0.0)), "pair")
     plate = manifold3d.Manifold.cube((4.0, 4.0, 2.0))
     assert part_count(joined(carrier, to_mesh(plate.translate((3.0, 3.0, 3.0))))) == 2
     for across in (8.0, 6.3):  # over both, and nearer to the other than a printer keeps apart
@@ -127,7 +151,7 @@ def test_a_straight_temple_is_parted_where_asked(name, genus):
     solid = temple.mesh(1.4)
     fore, rear = sorted(to_manifold(hinged(solid, hinge)).decompose(), key=lambda one: one.bounding_box()[1])
     assert (fore.genus(), rear.genus()) == (genus, 1)
-    assert fore.min_gap(rear, 1.0) == pytest.approx(CLEARANCE_MM, abs=0.01)
+    assert fore.min_gap(rear, 1.0) == pytest.approx(PLAY_MM, abs=0.01)
     assert hinge.axis[0] == pytest.approx(40.0 - 1.5) and hinge.axis[1] > 5.0 + hinge.barrel
     assert fore.bounding_box()[4] == pytest.approx(hinge.axis[1] + hinge.barrel, abs=0.05)
     assert fore.bounding_box()[3] == pytest.approx(41.5, abs=0.01)  # nothing stands out on the outside

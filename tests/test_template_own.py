@@ -1,6 +1,7 @@
 """A mesh of one's own as a template: placed by transform, landmarks or likeness, and refused with a reason."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -20,9 +21,10 @@ from fabcraft.mesh import Mesh
 from fabcraft.read.mesh_file import read_mesh
 from fabcraft.recipe import Recipe, read_recipe, recipe_toml
 from fabcraft.road.base import built
+from fabcraft.solid.slots import with_straps
 from fabcraft.template.catalogue import Kind
 from fabcraft.template.own import OwnSettings
-from fabcraft.template.template import MotifFrame, Template
+from fabcraft.template.template import MotifFrame, StrapHole, Template
 
 MARKS = {
     "wrist": np.array([0.0, -8.0, -20.0]),
@@ -161,6 +163,27 @@ def test_it_is_found_again_by_its_likeness_to_a_built_in_template(tmp_path, know
     assert made.name == "ring" and made.contacts == ("skin",) and made.listed_mm == (0.2, 0.7)
     (frame,) = made.motifs  # the built-in one's, on the plate of the own mesh
     np.testing.assert_allclose(frame.origin, [2.0, -13.5, 0.5], atol=0.3)
+
+
+def test_the_strap_slots_of_its_like_go_where_it_has_a_wall(tmp_path, monkeypatch):
+    def banded(body, settings):
+        hole = StrapHole(np.array([0.0, -12.0, 0.0]), np.eye(3)[2], -np.eye(3)[1], 4.0, 1.5, 8.0)
+        return replace(build(body, settings), straps=(hole,))
+
+    monkeypatch.setattr("fabcraft.road.base.kind_of", lambda name: Kind("ring", banded, ()))
+    (tmp_path / "here.toml").write_text(f"transform = {np.eye(4).tolist()}")
+    told = OwnSettings(like="ring", transform=str(tmp_path / "here.toml"))
+    bore = trimesh.creation.cylinder(9.0, 40.0)
+    for radius, held in ((10.5, 1), (20.5, 0)):  # a wall, and one that a slot does not go through
+        band = trimesh.boolean.difference([trimesh.creation.cylinder(radius, 10.0), bore])
+        path = saved(tmp_path / f"{held}.stl", Mesh(np.array(band.vertices), band.faces.astype(np.int32)))
+        made = built(path, finger(), {}, told)
+        assert len(made.straps) == held
+        assert any("no strap slots" in note for note in made.notes) == (not made.straps)
+        if made.straps:
+            assert made.straps[0].centre[1] == pytest.approx(-0.5 * (9.0 + radius), abs=0.1)
+            cut = with_straps(made.mesh, made.straps)
+            assert cut.volume_mm3 < made.mesh.volume_mm3 - 5.0
 
 
 def test_a_mesh_unlike_the_built_in_template_is_refused(tmp_path, known_ring):

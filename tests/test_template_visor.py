@@ -103,3 +103,11 @@ def test_settings_out_of_range_are_refused_with_the_range(settings, says):
     with pytest.raises(InputError) as refused:
         kind_of("visor").build(wearer("man"), settings)
     assert says in str(refused.value)
+
+
+def test_a_character_looks_out_from_under_its_brim():
+    visor = built("visor", "figure")
+    eye, vertices = visor.body.landmarks["eye_left"], visor.mesh.vertices
+    ball = visor.body.mesh.vertices[visor.body.regions["eye_left"].vertex_indices]
+    before = (vertices[:, 1] < eye[1]) & (np.abs(vertices[:, 0] - eye[0]) < visor.edge_mm)
+    assert vertices[before, 2].min() > eye[2] + 0.55 * np.linalg.norm(ball - eye, axis=1).max()

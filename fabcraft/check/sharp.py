@@ -1,7 +1,8 @@
 """Sharp edges on the side of the skin: what would press or scratch the wearer.
 
 An edge counts when its two faces turn outward by more than 60 degrees at once: a rounded rim turns in many small steps.
-It is on the skin's side when it lies within 2 mm of the body.
+It is on the skin's side when it lies within 2 mm of the body.  A sliver, a triangle too low to be printed, looks any
+way: it counts as part of the face beyond its longest edge.
 """
 
 from dataclasses import dataclass
@@ -9,13 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from fabcraft.check.edges import edges_of, welded
+from fabcraft.check.edges import Edges, edges_of, welded
 from fabcraft.check.report import Finding, places
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
 
 TURN_DEG = 60.0
 NEAR_MM = 2.0
+_SLIVER_MM, _SLIVERS = 0.05, 4
+"""Height under which a triangle is a sliver, and how many may lie beside one another."""
 _SHORT_MM = 3.0
 """All sharp edges together below this are a speck of the mesh."""
 
@@ -34,7 +37,7 @@ def measure_sharp_edges(mesh: Mesh, body: SurfaceDistance) -> SharpEdges:
     vertices, faces = welded(mesh)
     edges = edges_of(faces, len(vertices))
     one, other = edges.face[edges.pairs].T
-    normals = mesh.face_normals
+    normals = _printed_normals(mesh, vertices, edges)
     turns = (normals[one] * normals[other]).sum(1) < np.cos(np.radians(TURN_DEG))
     # Convex: the neighbour's far corner lies behind the face.
     convex = ((mesh.corners.mean(1)[other] - mesh.corners.mean(1)[one]) * normals[one]).sum(1) < 0.0
@@ -48,6 +51,27 @@ def measure_sharp_edges(mesh: Mesh, body: SurfaceDistance) -> SharpEdges:
         middles, lengths = middles[near], lengths[near]
     order = np.argsort(-lengths, kind="stable")
     return SharpEdges(float(lengths.sum()), middles[order])
+
+
+def _printed_normals(
+    mesh: Mesh, vertices: Float64[np.ndarray, "W 3"], edges: Edges
+) -> Float64[np.ndarray, "F 3"]:
+    """Normals of the faces, those of slivers from the next face that is none."""
+    normals = np.array(mesh.face_normals)
+    longest = np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(1)
+    slivers = np.flatnonzero(2.0 * mesh.face_areas < _SLIVER_MM * longest)
+    if not len(slivers):
+        return normals
+    first = edges.pairs[:, 0]
+    length = np.linalg.norm(vertices[edges.end[first]] - vertices[edges.start[first]], axis=1)
+    owner = edges.face[edges.pairs].T.reshape(-1)
+    beyond = edges.face[edges.pairs[:, ::-1]].T.reshape(-1)
+    order = np.lexsort((np.tile(length, 2), owner))  # the longest edge of every face comes last
+    across = np.arange(len(normals))
+    across[owner[order]] = beyond[order]
+    for _ in range(_SLIVERS):
+        normals[slivers] = normals[across[slivers]]
+    return normals
 
 
 def sharp_findings(found: SharpEdges) -> list[Finding]:

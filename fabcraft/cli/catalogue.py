@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 from fabcraft.cli.console import painted, result, result_json, table
 from fabcraft.cli.guidance import require_png, written_png, wrote
 from fabcraft.cli.wearer import ANYBODY, Wearer
+from fabcraft.template.kinds import with_article
 
 if TYPE_CHECKING:
     from fabcraft.body.body import Measured
@@ -126,7 +127,7 @@ def show_body(
     lines += [listed(rows), ""]
     rows = [("landmark, mm", "x", "y", "z")]
     rows += [(name, *(f"{one:.1f}" for one in point)) for name, point in told["landmarks"].items()]
-    cannot = [f"It cannot wear a {name}: {reason}." for name, reason in whole.unwearable.items()]
+    cannot = [f"It cannot wear {with_article(name)}: {reason}." for name, reason in whole.unwearable.items()]
     lines += [listed(rows), *(["", *whole.notes, *cannot] if whole.notes or cannot else []), *wrote(told)]
     result("\n".join(lines))
     return 0

@@ -18,8 +18,12 @@ from fabcraft.mesh import Mesh
 _STIFF = 300.0
 """Of the springs that keep a sheet off its obstacle, beside a pull of 1."""
 _ROUNDS = 30
-_DIRECT = 4000
-"""Pixels from which on a sheet is sought on a coarser grid first."""
+_COARSEST = 4000
+"""Pixels from which on a sheet is sought on a grid of half the resolution first."""
+_ITERATIONS = 25
+"""Of conjugate gradients: where more are needed, a new factorisation is cheaper."""
+_SETTLING, _SETTLED = 1e-7, 1e-10
+"""Residuals while it is sought which springs hold, and of the sheet in the end."""
 
 
 def front_heights(mesh: Mesh, plane: Plane) -> Float64[np.ndarray, "H W"]:
@@ -66,15 +70,26 @@ def smoothest_over(
     """
     known = np.isfinite(wanted)
     pull, aim = np.where(known, weight, 0.0), np.where(known, wanted, 0.0)
+    return _refined(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm)[0]
+
+
+def _refined(
+    obstacle: Float64[np.ndarray, "H W"],
+    aim: Float64[np.ndarray, "H W"],
+    pull: Float64[np.ndarray, "H W"],
+    pixel_mm: float,
+    stiffness_mm: float,
+    decay_mm: float,
+) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
+    """The sheet and where it rests, from coarse grids to the given one: each tells the next where to begin."""
     touched = np.zeros(obstacle.shape, dtype=bool)
-    if obstacle.size > _DIRECT:
+    if obstacle.size > _COARSEST:
         aims = _halved(pull * aim, np.sum) / np.maximum(_halved(pull, np.sum), 1e-12)
         coarse = _halved(obstacle, np.max), aims, _halved(pull, np.mean)
-        _, half = _resting(*coarse, 2.0 * pixel_mm, stiffness_mm, decay_mm, np.zeros(aims.shape, dtype=bool))
+        _, half = _refined(*coarse, 2.0 * pixel_mm, stiffness_mm, decay_mm)
         rows, columns = obstacle.shape
         touched = np.repeat(np.repeat(half, 2, axis=0), 2, axis=1)[:rows, :columns] & np.isfinite(obstacle)
-    height, _ = _resting(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm, touched)
-    return height
+    return _resting(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm, touched)
 
 
 def _resting(
@@ -100,17 +115,17 @@ def _resting(
         spring = _STIFF * active
         matrix = bending + sparse.diags(pull.ravel() + spring)
         right = (pull * aim).ravel() + spring * floor
-        if factor is None:
+        if factor is not None:
+            height, missed = cg(matrix, right, x0=height, rtol=_SETTLING, maxiter=_ITERATIONS, M=inverse)
+        if factor is None or missed:  # too far from the round that was factorised
             factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-            inverse = LinearOperator(matrix.shape, factor.solve)
-        height, missed = cg(matrix, right, x0=height, rtol=1e-10, maxiter=200, M=inverse)
-        if missed:  # too far from the first round: from here on this one's factorisation
-            factor = None
+            inverse, height = LinearOperator(matrix.shape, factor.solve), factor.solve(right)
         # a spring that would have to pull downwards is let go; a point under the obstacle gets one
         changed = below & np.where(active, height <= floor + 1e-3, height < floor - 0.05)
-        if not missed and (changed == active).all():
+        if (changed == active).all():
             break
         active = changed
+    height, _ = cg(matrix, right, x0=height, rtol=_SETTLED, maxiter=_ITERATIONS, M=inverse)
     return height.reshape(rows, columns), active.reshape(rows, columns)
 
 

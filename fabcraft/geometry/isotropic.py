@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int32
+from scipy.spatial import cKDTree
 
 from fabcraft.errors import InputError, MissingError, SolidError
 from fabcraft.geometry.edges import distinct_edges
@@ -32,6 +33,10 @@ _LEAST_SHARE = 0.5
 """Where parts of several lengths meet, edges below 4/5 of this share of the shortest are collapsed at the end."""
 _FACES_USED = 3.0
 """Faces that remeshing starts from, over those that it makes."""
+_RINGS = 2
+"""Faces round the chosen ones that are given along: only those next to them can change."""
+_ROUNDING = 1e-6
+"""What has stayed where it was may have moved by this share of an edge."""
 _OVERLAP = 1.4
 """A part is meshed together with neighbours that want up to this many times the longest length of the part."""
 
@@ -221,14 +226,37 @@ def _topology(faces: Int32[np.ndarray, "F 3"]) -> tuple[int, int, bool]:
 
 
 def isotropic_within(mesh: Mesh, edge_mm: float, chosen: Bool[np.ndarray, " F"]) -> Mesh:
-    """The same for the chosen faces alone; the others stay as they are.
+    """The same for the chosen faces alone; the others stay as they are, and what is far is not even looked at.
 
     Raises `SolidError` when the genus or the borders would change.
     """
-    even = _remeshed(mesh, edge_mm, _NO_CREASE_DEG, _ROUNDS, lambda _: chosen)
+    if not chosen.any():
+        return mesh
+    part = chosen
+    for _ in range(_RINGS):
+        touched = np.zeros(len(mesh.vertices), dtype=bool)
+        touched[mesh.faces[part]] = True
+        part = touched[mesh.faces].any(1)
+    near = chosen[part]
+    even = _remeshed(mesh.submesh(part), edge_mm, _NO_CREASE_DEG, _ROUNDS, lambda _: near)
+    if not part.all():
+        even = _joined(mesh, ~part, even, edge_mm)
     if _topology(even.faces) != _topology(mesh.faces):
         raise SolidError(
             f"{mesh.name or 'the surface'} cannot be meshed with edges of {edge_mm:g} mm: its details are too small",
             "Ask for shorter edges.",
         )
     return even
+
+
+def _joined(mesh: Mesh, kept: Bool[np.ndarray, " F"], made: Mesh, edge_mm: float) -> Mesh:
+    """The kept faces of the mesh, and what was made of the others, whose border has stayed where it was."""
+    rest = mesh.submesh(kept)
+    ends, _, faces_at = distinct_edges(rest.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
+    rim = np.unique(ends[faces_at == 1])
+    away, same = cKDTree(made.vertices).query(rest.vertices[rim])
+    stayed = away < _ROUNDING * edge_mm
+    number = len(rest.vertices) + np.arange(len(made.vertices), dtype=np.int32)
+    number[same[stayed]] = rim[stayed]
+    faces = np.concatenate([rest.faces, number[made.faces]])
+    return _used(Mesh(np.concatenate([rest.vertices, made.vertices]), faces, mesh.name))

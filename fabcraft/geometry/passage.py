@@ -27,7 +27,7 @@ def passage(
     Only what the way adds counts: what presses at the seat already is no matter of the way.
     """
     lower, upper = body.mesh.bounds
-    seat = np.maximum(-body.signed(points), 0.0)
+    seat = _depth(points, body)
     depth, deepest = np.zeros(len(poses)), np.zeros(len(poses), dtype=np.int64)
     places = np.tile(points[0], (len(poses), 1))
     for index, pose in enumerate(poses):
@@ -35,8 +35,15 @@ def passage(
         near = np.flatnonzero((moved >= lower).all(1) & (moved <= upper).all(1))
         if len(near) == 0:
             continue
-        extra = np.maximum(-body.signed(moved[near]), 0.0) - seat[near]
+        extra = _depth(moved[near], body) - seat[near]
         worst = int(np.argmax(extra))
         if extra[worst] > 0.0:
             depth[index], deepest[index], places[index] = extra[worst], near[worst], moved[near[worst]]
     return Passage(depth, deepest, places)
+
+
+def _depth(points: Float64[np.ndarray, "N 3"], body: SurfaceDistance) -> Float64[np.ndarray, " N"]:
+    """How deep points are inside the body, mm; 0 outside, where the distance is not asked for."""
+    depth, inside = np.zeros(len(points)), np.flatnonzero(body.inside(points))
+    depth[inside] = body.closest(points[inside]).distances
+    return depth

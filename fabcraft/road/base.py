@@ -1,6 +1,5 @@
 """The template that every road starts from: a built-in kind, or a mesh of the user's own, made sound and placed."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,9 +16,12 @@ from fabcraft.geometry.isotropic import isotropic
 from fabcraft.geometry.sampling import area_samples
 from fabcraft.guidance.alignment import aligned
 from fabcraft.mesh import Mesh
+from fabcraft.profile import PrinterProfile
 from fabcraft.read.mesh_file import read_mesh
+from fabcraft.recipe import Recipe
 from fabcraft.solid.manifolds import part_count, to_manifold, try_manifold
 from fabcraft.solid.thicken import SolidSettings, solidify
+from fabcraft.template.catalogue import Settings
 from fabcraft.template.kinds import is_own, kind_of
 from fabcraft.template.own import OwnSettings, own
 from fabcraft.template.own_place import by_landmarks, by_transform, part_for
@@ -39,7 +41,7 @@ _DECLARED = OwnSettings()
 def built(
     name: str,
     body: Body,
-    settings: Mapping[str, float | str],
+    settings: Settings,
     own_settings: OwnSettings = _DECLARED,
     even: bool = False,
 ) -> Template:
@@ -72,6 +74,14 @@ def built(
     template = own(mesh, placed, part, own_settings, like, genus=genus, notes=(*notes, *told))
     wall_mm = measure_thickness(template.mesh, _WALL_MM, limit_mm=_WALL_LIMIT_MM).min_mm
     return replace(template, wall_mm=wall_mm)
+
+
+def asked(recipe: Recipe, profile: PrinterProfile) -> Settings:
+    """The parameters that a recipe sets, and the play between moving parts that its printer needs."""
+    like = recipe.own.like if is_own(recipe.template) else recipe.template
+    return (
+        kind_of(like).playing(recipe.parameters, profile.clearance_moving_mm) if like else recipe.parameters
+    )
 
 
 def as_solid(template: Template) -> Mesh:

@@ -18,7 +18,7 @@ from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh, concatenate
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
-from fabcraft.road.base import as_solid, built
+from fabcraft.road.base import as_solid, asked, built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished, mirrored
 from fabcraft.road.sheet import asked_wall_mm
 from fabcraft.solid.thicken import SolidSettings, solidify
@@ -45,7 +45,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     from fabcraft.fit.deform import deform
 
     with clock.stage("template"):
-        template, rest = rest_of(recipe, body)
+        template, rest = rest_of(replace(recipe, parameters=dict(asked(recipe, profile))), body)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         row = _method(recipe, template)

@@ -14,7 +14,7 @@ from fabcraft.judge import motif_likeness, worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
-from fabcraft.road.base import built
+from fabcraft.road.base import asked, built
 from fabcraft.road.shaped import Clock, Given, Shaped, finished
 from fabcraft.road.sheet import drawn, fitted, how, stopped
 from fabcraft.solid.mount import mount
@@ -35,7 +35,7 @@ def shape_motif(recipe: Recipe, given: Given, body: Body, profile: PrinterProfil
     closed manifold comes out.
     """
     with clock.stage("template"):
-        template = built(recipe.template, body, recipe.parameters, recipe.own)
+        template = built(recipe.template, body, asked(recipe, profile), recipe.own)
         frame = frame_of(template, recipe.frame, recipe.reading)
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
@@ -93,7 +93,7 @@ def frame_of(template: Template, name: str, reading: str) -> MotifFrame:
 
 def _where(template: Template, frame: MotifFrame, width: float, height: float) -> str:
     """Size and place of the drawing, as a line of the route."""
-    what = f"the {template.name} itself" if frame.reading == "object" else "a motif"
+    what = f"the whole {template.name}" if frame.reading == "object" else "a motif"
     return f"{what}, {width:.0f} x {height:.0f} mm, on the {frame.name}"
 
 

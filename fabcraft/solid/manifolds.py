@@ -14,6 +14,8 @@ from fabcraft.mesh import Mesh
 
 _PRINTS_TOGETHER_MM = 0.2
 """A gap that no printer keeps open."""
+SPECK_MM3 = 0.5
+"""Of an object made of parts, bodies and voids below this are what the parts have left over."""
 
 
 def try_manifold(mesh: Mesh) -> manifold3d.Manifold | None:

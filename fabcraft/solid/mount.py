@@ -11,7 +11,7 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
-from fabcraft.solid.manifolds import joined
+from fabcraft.solid.manifolds import SPECK_MM3, joined, without_specks
 from fabcraft.solid.sheet import SheetSide
 from fabcraft.solid.simplify import simplify_manifold
 from fabcraft.solid.thicken import SolidResult, SolidSettings, solidify
@@ -65,7 +65,7 @@ def mount(
     )
     made = solidify(fine, settings, seen, SheetSide(outer, inner))
     placed = made.mesh.with_vertices(space.outside(made.mesh.vertices))
-    whole = joined(carrier, placed)
+    whole, _ = without_specks(joined(carrier, placed), SPECK_MM3)
     mesh, tolerance = simplify_manifold(whole, simplify_mm, carrier.name)
     numbers = {**made.numbers, "simplify_mm": tolerance, "volume_mm3": mesh.volume_mm3}
     return SolidResult(mesh, made.notes, numbers), made.mesh

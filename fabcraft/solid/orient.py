@@ -44,6 +44,8 @@ class OnBed:
 
     mesh: Mesh
     words: str
+    fits: bool = True
+    """In the build volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ def onto_bed(mesh: Mesh, profile: PrinterProfile) -> OnBed:
             if (turned.size_mm <= build).all():
                 words = name if about_z == 0.0 else f"{name}, turned by {about_z:.0f} degrees"
                 return OnBed(_laid(turned, build), words)
-    return OnBed(_laid(mesh, build), "as it is worn; it is larger than the build volume")
+    return OnBed(_laid(mesh, build), "as it is worn; it is larger than the build volume", False)
 
 
 def oriented(mesh: Mesh, profile: PrinterProfile, kept: Bool[np.ndarray, " F"] | None = None) -> Oriented:

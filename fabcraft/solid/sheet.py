@@ -50,6 +50,8 @@ class SheetSide:
     """Height added on the side that the face normals look to."""
     inner_mm: PerPoint | None = None
     """Height added on the other side."""
+    inner_edge_mm: float = 0.0
+    """Over about how much the edges of that are rounded where the body's clearance cuts it off."""
     hole_mm: PerPoint | None = None
     """Signed distance to what is cut out of the wall, negative in the hole, for any point of space."""
 
@@ -141,48 +143,59 @@ class WallField:
         distances, faces, places = self._distance.closest(points)
         corners = self.sheet.mesh.faces[faces]
         weights = _barycentric(self.sheet.mesh.corners[faces], places)
-        value = distances - self.half_mm
+        value, added = distances - self.half_mm, np.zeros(len(points))
         if self.side.outer_mm or self.side.inner_mm:
-            value -= self._extra(points - places, distances, corners, weights)
+            outer, added = self._extra(points - places, distances, corners, weights)
+            value -= outer + added
         if self.side.hole_mm:
             value = _rounded_maximum(value, -self.side.hole_mm(points), HOLE_EDGE_MM)
         if self.keep is not None:
-            self._cut(value, points, distances, (self._room[corners] * weights).sum(1))
+            room = (self._room[corners] * weights).sum(1)
+            self._cut(value, points, distances, room, np.minimum(added, self.side.inner_edge_mm))
         return value
 
     def _extra(
         self, away: np.ndarray, distances: np.ndarray, corners: np.ndarray, weights: np.ndarray
-    ) -> np.ndarray:
-        """outer(c) max(0, cos)^2 + inner(c) max(0, -cos)^2."""
+    ) -> list[np.ndarray]:
+        """outer(c) max(0, cos)^2 and inner(c) max(0, -cos)^2."""
         normals = np.einsum("nk,nkx->nx", weights, self._normals[corners])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         cosine = (away * normals).sum(1) / np.maximum(distances, 1e-12)
-        extra = np.zeros(len(distances))
+        sides = []
         for height, facing in ((self.side.outer_mm, cosine > 0), (self.side.inner_mm, cosine < 0)):
+            extra = np.zeros(len(distances))
             if height is not None and facing.any():
                 rest = np.einsum("nk,nkx->nx", weights[facing], self.sheet.rest[corners[facing]])
                 extra[facing] = np.maximum(height(rest), 0.0) * cosine[facing] ** 2
-        return extra
+            sides.append(extra)
+        return sides
 
-    def _cut(self, value: np.ndarray, points: np.ndarray, distances: np.ndarray, room: np.ndarray) -> None:
-        """f = max(f, clearance - body), worked out only where the body can be that near."""
+    def _cut(
+        self,
+        value: np.ndarray,
+        points: np.ndarray,
+        distances: np.ndarray,
+        room: np.ndarray,
+        radius: np.ndarray,
+    ) -> None:
+        """f = max(f, clearance - body), rounded over `radius`; worked out only where the body can be that near."""
         assert self.keep is not None
         # body(q) >= body(c) - sag - d, so where the clearance is less than that the maximum is f already.
         wanted = self.keep.clearance_mm(points)
-        near = np.flatnonzero(wanted + distances - room + _SAG_MM > value)
+        near = np.flatnonzero(wanted + distances - room + _SAG_MM > value - radius)
         if len(near) == 0:
             return
         body, clearance = self.keep.body.closest(points[near]).distances, wanted[near]
         may_be_inside = np.flatnonzero(room[near] - _SAG_MM < distances[near])
         inside = may_be_inside[self.keep.body.inside(points[near[may_be_inside]])]
         body[inside] *= -1
-        value[near] = np.maximum(value[near], clearance - body)
+        value[near] = _rounded_maximum(value[near], clearance - body, radius[near])
 
 
-def _rounded_maximum(one: np.ndarray, other: np.ndarray, radius: float) -> np.ndarray:
+def _rounded_maximum(one: np.ndarray, other: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
     """The larger of two fields, its crease rounded over about `radius`."""
     blend = np.maximum(radius - np.abs(one - other), 0.0)
-    return np.maximum(one, other) + blend * blend / (4.0 * radius)
+    return np.maximum(one, other) + blend * blend / np.maximum(4.0 * radius, 1e-12)
 
 
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -22,6 +22,8 @@ PAD_SKIRT_MM = 9.0
 """A pad runs out into the wall over about this width.  These lengths are a person's, and scale with the template."""
 PAD_LIMIT_MM = 13.0
 """A gap deeper than this is left open; from 3 mm less the pad thins out."""
+PAD_EDGE_MM = 1.5
+"""The edges of a pad, which lie on skin, are rounded over about this much."""
 
 PAD_ROOM_MM = 11.0
 """From this far inside every rim on, a pad has its full height."""
@@ -42,7 +44,7 @@ def shell(
     matrix, faces = loop_matrix(sheet.faces, len(sheet.vertices))
     # Loop's limit surface has no facets; its rim is a cubic spline through almost the same contour
     fine = Mesh(matrix @ sheet.vertices, faces, sheet.name)
-    pads = _pads(template, relief)
+    pads, edge_mm = _pads(template, relief), PAD_EDGE_MM * template.scale
     front = template.front
 
     def outer_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
@@ -54,9 +56,9 @@ def shell(
         near = share > 1e-3
         if near.any():
             gap = body.signed(points[near]) - 0.5 * template.wall_mm
-            # a little more than the gap: the clearance cuts the rest away, in the shape of the skin
+            # more than the gap: the clearance cuts the rest away, in the shape of the skin
             open_mm = (PAD_LIMIT_MM * template.scale - gap) / (3.0 * template.scale)
-            height[near] = share[near] * smoothstep(open_mm) * np.maximum(gap + 0.5 * template.scale, 0.0)
+            height[near] = share[near] * smoothstep(open_mm) * np.maximum(gap + edge_mm, 0.0)
         return height
 
     def clearance_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
@@ -65,7 +67,7 @@ def shell(
     def hole_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         return np.min([slot.distance(points[:, [0, 2]]) for slot in slots], axis=0)
 
-    side = SheetSide(outer_mm, inner_mm, hole_mm if slots else None)
+    side = SheetSide(outer_mm, inner_mm, edge_mm, hole_mm if slots else None)
     return solidify(fine, settings, body, side, clearance_mm)
 
 

@@ -22,7 +22,7 @@ from fabcraft.geometry.raster import silhouette_mask
 from fabcraft.geometry.subdivide import loop_matrix
 from fabcraft.guidance.inflate import Relief
 from fabcraft.mesh import Mesh
-from fabcraft.solid.manifolds import joined, to_manifold, to_mesh, without_specks
+from fabcraft.solid.manifolds import SPECK_MM3, joined, to_manifold, to_mesh, without_specks
 from fabcraft.solid.simplify import simplify_manifold
 from fabcraft.solid.thicken import SolidResult
 from fabcraft.template.picture_space import PictureSpace
@@ -38,7 +38,6 @@ _BEYOND = 0.5
 """How far lenses are cut beyond the plate on either side, over its thickness."""
 _LONG = 3.0
 """Longest edges of what is rolled, picture units."""
-_SPECK_MM3 = 0.5
 
 
 def slab(
@@ -71,15 +70,15 @@ def slab(
         return value
 
     made = zero_surface(field, shape.bounds(4.0 * cell), cell, name=plate.name)
-    alone, _ = without_specks(to_manifold(made), _SPECK_MM3 * space.scale**3)
+    alone, _ = without_specks(to_manifold(made), SPECK_MM3 * space.scale**3)
     small, _ = simplify_manifold(alone, 0.02 * cell, plate.name)
     whole = joined(carrier, small.with_vertices(space.outside(small.vertices)))
     if len(relief.openings) > 1:  # lenses; a single opening is the carrier's own bore
         for opening in relief.openings:
             whole = whole - _through(opening, depth, space)
-    whole, specks = without_specks(whole, _SPECK_MM3)
+    whole, specks = without_specks(whole, SPECK_MM3)
     mesh, tolerance = simplify_manifold(whole, simplify_mm, carrier.name)
-    notes = (f"{specks} bodies or voids below {_SPECK_MM3:g} mm³ dropped",) if specks else ()
+    notes = (f"{specks} bodies or voids below {SPECK_MM3:g} mm³ dropped",) if specks else ()
     return SolidResult(mesh, notes, {"simplify_mm": tolerance, "volume_mm3": mesh.volume_mm3}), small
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 
 from fabcraft.body.body import Body
 from fabcraft.errors import InputError
+from fabcraft.template.kinds import with_article
 from fabcraft.template.template import Parameter, Template
 
 Settings = Mapping[str, float | str]
@@ -28,6 +29,15 @@ class Kind:
     parameters: tuple[Parameter, ...]
     process_note: str = ""
     """What makers should know of printing it, one sentence."""
+    play: str = ""
+    """The parameter that is the printer's clearance of moving parts where nothing else is asked; "" where nothing moves."""
+
+    def playing(self, given: Settings, moving_mm: float) -> Settings:
+        """The settings for a printer that keeps moving parts `moving_mm` apart."""
+        if not self.play or self.play in given:
+            return given
+        one = next(parameter for parameter in self.parameters if parameter.name == self.play)
+        return {**given, self.play: min(max(moving_mm, one.low), one.high)}
 
     def settled(self, given: Settings) -> dict[str, float | str]:
         """The settings, checked: known names, numbers within their range; names of sizes are left to the builder.
@@ -39,7 +49,7 @@ class Kind:
             if name not in known:
                 close = difflib.get_close_matches(name, known, n=1)
                 hint = f"Did you mean {close[0]}?" if close else f"Known: {', '.join(known)}."
-                raise InputError(f"a {self.name} has no '{name}'", hint)
+                raise InputError(f"there is no '{name}' to set of {with_article(self.name)}", hint)
             one = known[name]
             if one.choices and not (isinstance(value, int | float) and one.low < one.high):
                 if value not in one.choices:
@@ -74,14 +84,14 @@ class Kind:
         """
         if self.name in body.unwearable:
             raise InputError(
-                f"the {body.name} cannot wear a {self.name}: {body.unwearable[self.name]}",
+                f"the {body.name} cannot wear {with_article(self.name)}: {body.unwearable[self.name]}",
                 "Choose another template or another body (fabcraft bodies).",
             )
         known = {**body.joints, **body.landmarks}
         missing = [place for place in places if place not in known]
         if missing:
             raise InputError(
-                f"body {body.name} has no {', '.join(missing)}, so a {self.name} cannot be placed on it",
+                f"body {body.name} has no {', '.join(missing)}, so {with_article(self.name)} cannot be placed on it",
                 "Choose another body (fabcraft bodies).",
             )
         try:

@@ -137,10 +137,12 @@ def _before_the_face(face: Face, front: Front) -> Front:
         room[(v > 0.15 * sizes.lens_height) & (u > 0.5 * sizes.bridge)] = clear(BROW_MM)
         room[u < 0.5 * sizes.bridge + sizes.rim] = clear(NOSE_MM)
         front = replace(front, rolled=rolled, outline=outline)
-        material = inside(flat[:, :2], [np.append(outline, outline[:1], axis=0)]) & ~inside(
-            flat[:, :2], [front.lens]
-        )
-        short = float((w + front.thick + room)[material].max(initial=-1.0))
+        missing = w + front.thick + room
+        boxed = (flat[:, :2] >= outline.min(0)) & (flat[:, :2] <= outline.max(0))
+        near = np.flatnonzero((missing > 0.0) & boxed.all(1))
+        near = near[inside(flat[near, :2], [np.append(outline, outline[:1], axis=0)])]
+        near = near[~inside(flat[near, :2], [front.lens])]
+        short = float(missing[near].max(initial=0.0))
         step = max(short, 0.6 * k if _rim_left(front.lens, nose) < _NASAL * sizes.rim else 0.0)
         if step <= 0.02:
             break

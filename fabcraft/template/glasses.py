@@ -30,7 +30,7 @@ from fabcraft.template.front import (
     temple_start,
     way_of,
 )
-from fabcraft.template.hinge import FLARE, STYLES, Hinge, hinge_of, hinged
+from fabcraft.template.hinge import FLARE, PLAY_MM, STYLES, Hinge, hinge_of, hinged
 from fabcraft.template.lenses import SHAPES
 from fabcraft.template.melt import melted
 from fabcraft.template.nose_pad import rounded_block
@@ -71,7 +71,8 @@ def build(body: Body, settings: Settings) -> Template:
         side = temple(start, way, drop)
     edge = EDGE_MM * (1.0 if face.part.kind != "character" else float(np.clip(face.scale, 0.3, 1.0)))
     edge = min(edge, EDGE_MM * front.unit)
-    hinge = None if style == "rigid" else hinge_of(side, behind_front(front, side), style)
+    play = float(chosen.get("hinge_play", PLAY_MM))
+    hinge = None if style == "rigid" else hinge_of(side, behind_front(front, side), style, play)
     mesh = _assembled(face, front, side, groove, edge, hinge)
     spread = SPREAD_MM * face.scale
     path = np.tile(np.eye(4), (_POSES, 1, 1))
@@ -108,6 +109,7 @@ def build(body: Body, settings: Settings) -> Template:
             "thickness": front.thick,
             "temple_length": side.length,
             "groove": groove,
+            **({"hinge_play": hinge.play} if hinge else {}),
         },
         notes=(
             f"{sizes.lens_width:.0f}-{sizes.bridge:.0f}-{side.length:.0f}, {2.0 * sizes.half_width:.0f} mm wide.",
@@ -239,6 +241,8 @@ KIND = Kind(
         Parameter(
             "hinge", "", 0.0, 0.0, "none, a pin printed in place, or knuckles for an M1.4 screw", STYLES
         ),
+        Parameter("hinge_play", "mm", 0.2, 1.0, "between what moves in a hinge; the printer's own"),
     ),
     "Print the front face down; PA12 or PETG lets the temples spread.",
+    play="hinge_play",
 )

@@ -3,7 +3,7 @@
 The cut is a finger joint: the front holds the upper and the lower finger, the temple the middle one, and every finger
 carries a knuckle, a round barrel on the inner side of the temple, where the axis is.  Nothing of the temple lies nearer to
 the head than the axis but the round knuckle, so that it folds inwards by a right angle; outwards it stops after the
-clearance.  Either the axis is a pin that has grown between the outer knuckles and cannot come out, printed in place, or a
+play.  Either the axis is a pin that has grown between the outer knuckles and cannot come out, printed in place, or a
 hole for a screw.
 """
 
@@ -22,8 +22,8 @@ from fabcraft.template.temples import Temple
 STYLES = ("rigid", "pin", "screw")
 FLARE = 1.7
 """Height of a hinged temple at its root, over that of its section."""
-CLEARANCE_MM = 0.35
-"""Between all that moves: powder and filament alike come out of it."""
+PLAY_MM = 0.5
+"""Between all that moves, where no printer says what it needs."""
 SCREW_MM = 1.5
 """Hole that an M1.4 screw passes."""
 FOLDS_DEG = 85.0
@@ -63,6 +63,8 @@ class Hinge:
     """Height of each of the three."""
     thickness: float
     """Of the temple."""
+    play: float
+    """Between all that moves."""
 
     @property
     def wall_mm(self) -> float:
@@ -86,32 +88,35 @@ class Hinge:
     @property
     def half_height(self) -> float:
         """Of the barrel."""
-        return 1.5 * self.knuckle + CLEARANCE_MM
+        return 1.5 * self.knuckle + self.play
 
 
-def hinge_of(side: Temple, start_mm: float, style: str) -> Hinge:
+def hinge_of(side: Temple, start_mm: float, style: str, play_mm: float = PLAY_MM) -> Hinge:
     """The hinge of the left temple, whose joint begins behind `start_mm` of its line.
 
-    style : "pin" or "screw".  Raises `InputError` where the temple is too thin and low for three knuckles.
+    style : "pin" or "screw".  play_mm : between all that moves.
+    Raises `InputError` where the temple is too thin and low for three knuckles.
     """
     unit = side.thickness / _THICKNESS_MM
     pin, wall = (max(least, person * unit) for person, least in (_PIN_MM, _WALL_MM))
-    hole = 0.5 * pin + CLEARANCE_MM if style == "pin" else 0.5 * SCREW_MM
+    hole = 0.5 * pin + play_mm if style == "pin" else 0.5 * SCREW_MM
     barrel = hole + wall
     ahead, up, off = side.frames()
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(side.line, axis=0), axis=1))])
-    at = int(np.searchsorted(way, start_mm + _ROOT_MM * unit + barrel + CLEARANCE_MM))
+    at = int(np.searchsorted(way, start_mm + _ROOT_MM * unit + barrel + play_mm))
     tall = 2.0 * _SHARE * float(side.half_height[at])
-    knuckle = (tall - 2.0 * CLEARANCE_MM) / 3.0
+    knuckle = (tall - 2.0 * play_mm) / 3.0
     if knuckle < LEAST_KNUCKLE_MM:
         raise InputError(
             f"these temples are {side.thickness:.1f} mm thick and {tall / _SHARE:.1f} mm high at the hinge, too thin "
             f"for one: its knuckles would be {knuckle:.1f} mm high, not {LEAST_KNUCKLE_MM:g}",
-            "Choose hinge=rigid, or glasses for a larger head.",
+            "Choose hinge=rigid, less play (--set hinge_play=...), or glasses for a larger head.",
         )
     axis = side.line[at] - 0.5 * side.thickness * off[at]
     frame = np.stack([off[at], ahead[at], up[at]])
-    return Hinge(axis, frame, hole, 0.5 * pin if style == "pin" else 0.0, barrel, knuckle, side.thickness)
+    return Hinge(
+        axis, frame, hole, 0.5 * pin if style == "pin" else 0.0, barrel, knuckle, side.thickness, play_mm
+    )
 
 
 def hinged(solid: Mesh, hinge: Hinge) -> Mesh:
@@ -120,9 +125,9 @@ def hinged(solid: Mesh, hinge: Hinge) -> Mesh:
     Raises `SolidError` when the joint does not part them.
     """
     whole = as_manifold(solid, solid.name)
-    reach, half, full = hinge.barrel + CLEARANCE_MM, 0.5 * hinge.knuckle, hinge.half_height
+    reach, half, full = hinge.barrel + hinge.play, 0.5 * hinge.knuckle, hinge.half_height
     wide, tall = (-2.0 * reach, hinge.thickness + reach), (-2.0 * full, 2.0 * full)
-    joint, middle, tongue = (-reach, reach), half + CLEARANCE_MM + _OFF_MM, half - _OFF_MM
+    joint, middle, tongue = (-reach, reach), half + hinge.play + _OFF_MM, half - _OFF_MM
     inner = _box(hinge, (wide[0], -_OFF_MM), joint, tall)
     front = whole - inner - _box(hinge, wide, (hinge.barrel, reach), tall)
     front = front - _box(hinge, wide, joint, (-middle, middle))

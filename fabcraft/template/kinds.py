@@ -30,6 +30,11 @@ SOLIDS = NAMES[1:]
 """Kinds that are finished solids before a motif is worked into them."""
 
 
+def with_article(name: str) -> str:
+    """A kind as it stands in a sentence: "a ring", but "glasses"."""
+    return name if name.endswith("s") else f"a {name}"
+
+
 def is_own(name: str) -> bool:
     """Whether a template's name is the file of a mesh of the user's own."""
     return bool(Path(name).suffix) and Path(name).suffix.lower() != ".toml"

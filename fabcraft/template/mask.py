@@ -44,9 +44,13 @@ _SLACK_MM = 0.15  # the height fields are grids; what they miss between pixels s
 
 def natural_wall_mm(body: Body) -> float:
     """The wall that a mask for `body` has when none is asked: 2.4 mm for people, by the head's size for characters."""
-    if body.kind != "character":
+    return _natural_wall_mm(_worn_by(body))
+
+
+def _natural_wall_mm(head: Body) -> float:
+    if head.kind != "character":
         return DEFAULT_WALL_MM
-    return float(np.clip(_WALL_SHARE * _worn_by(body).mesh.size_mm[2], *WALL_MM))
+    return float(np.clip(_WALL_SHARE * head.mesh.size_mm[2], *WALL_MM))
 
 
 def _worn_by(body: Body) -> Body:
@@ -54,17 +58,20 @@ def _worn_by(body: Body) -> Body:
     return body.part("head") if "neck_root" in body.joints and body.kind != "scan" else body
 
 
-def mask(body: Body, wall_mm: float = DEFAULT_WALL_MM) -> Template:
+def mask(body: Body, wall_mm: float | None = None) -> Template:
     """The mask for `body` (a whole person or character, a head part, or a scanned head).
 
-    wall_mm : thickness of the finished wall, 1.6-5.  Raises `InputError` for a body without a face, or a wall outside.
+    wall_mm : thickness of the finished wall, 1.6-5; the natural one when left out.
+    Raises `InputError` for a body without a face, or a wall outside.
     """
+    head = _worn_by(body)
+    if wall_mm is None:
+        wall_mm = _natural_wall_mm(head)
     if not WALL_MM[0] <= wall_mm <= WALL_MM[1]:
         raise InputError(
             f"a mask's wall of {wall_mm} mm was asked",
             f"Choose between {WALL_MM[0]:g} and {WALL_MM[1]:g} mm.",
         )
-    head = _worn_by(body)
     missing = [name for name in LANDMARKS if name not in head.landmarks]
     if missing:
         raise InputError(
@@ -99,9 +106,9 @@ def mask(body: Body, wall_mm: float = DEFAULT_WALL_MM) -> Template:
 
 
 def build(body: Body, settings: Settings) -> Template:
-    """The mask for `body`, its wall the one asked for or the one that goes with the size of the face."""
+    """The mask for `body`, its wall the one asked for or the natural one."""
     wall = KIND.settled(settings).get("wall")
-    return mask(body, natural_wall_mm(body) if wall is None else float(wall))
+    return mask(body, None if wall is None else float(wall))
 
 
 KIND = Kind("mask", build, (Parameter("wall", "mm", *WALL_MM, "thickness"),))

@@ -20,7 +20,7 @@ from fabcraft.mesh import Mesh
 from fabcraft.read.mesh_file import UNITS_MM
 from fabcraft.read.table_file import read_table
 from fabcraft.template.kinds import known
-from fabcraft.template.own_frame import front_frame, reanchored
+from fabcraft.template.own_frame import front_frame, reanchored, restrapped
 from fabcraft.template.template import Template
 
 NAME = "object"
@@ -39,6 +39,9 @@ DIRECTIONS = {
 }
 """Words for directions, the wearer's."""
 MAX_SPHERES = 200
+_NO_SLOTS = (
+    "It gets no strap slots: they go into the wall of an own visor only, where the built-in one has them."
+)
 _AWAY_MM, _WITHIN = 60.0, 0.5
 """Farther from the skin, or with a larger share inside the body, it is in the wrong place."""
 
@@ -143,6 +146,9 @@ def own(
         direction(settings.facing, "facing") if settings.facing else away / max(np.linalg.norm(away), 1e-9)
     )
     frames = () if like is None or settings.facing else reanchored(mesh, like)
+    straps = () if like is None else restrapped(mesh, like)
+    if like is not None and not straps and (like.straps or like.kind == "sheet"):
+        notes = (*notes, _NO_SLOTS)
     gaps = skin.signed(mesh.corners.mean(1)[facing]) if facing.any() else np.zeros(1)
     straight = direction(settings.donning, "donning") if settings.donning else ahead
     lengths = np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2)
@@ -162,6 +168,7 @@ def own(
         locked=locked if locked.any() else None,
         pair=like is not None and like.pair,
         motifs=frames or front_frame(mesh, ahead),
+        straps=straps,
         listed_mm=(0.0, max(float(np.median(gaps)), 0.0)) if like is None else like.listed_mm,
         notes=notes,
     )

@@ -1,4 +1,6 @@
-"""Places for a motif on a user's own mesh: those of the kind it is like, or the largest patch that faces a direction."""
+"""Places on a user's own mesh for a motif and for strap slots: those of the kind it is like, where it has a wall there; or,
+for a motif, the largest patch that faces a direction.
+"""
 
 from dataclasses import replace
 
@@ -8,13 +10,16 @@ from scipy.ndimage import distance_transform_edt, label
 
 from fabcraft.geometry.heights import front_heights
 from fabcraft.geometry.plane import Plane
+from fabcraft.geometry.rays import Rays
 from fabcraft.mesh import Mesh
 from fabcraft.template.picture_space import PictureSpace
-from fabcraft.template.template import MotifFrame, Template
+from fabcraft.template.template import MotifFrame, StrapHole, Template
 
 _STEEP, _PATCH_PIXELS, _FULL, _RIDGE = 0.85, 160, 0.97, 0.95
 """Least cosine of a patch to the direction, pixels of the mesh's longer side, share of a box that the patch fills, depth of
 its middle line over the deepest."""
+_STRAP_REACH, _STRAP_RIM = 2.0, 0.5
+"""How far from its place a strap slot is looked for, in its depths, and the material needed beside it, in its widths."""
 
 
 def reanchored(mesh: Mesh, like: Template) -> tuple[MotifFrame, ...]:
@@ -29,6 +34,30 @@ def reanchored(mesh: Mesh, like: Template) -> tuple[MotifFrame, ...]:
         if frame.reading == "motif" and abs(here) < half:  # farther away it is another part of the object
             found.append(replace(frame, origin=frame.origin + here * frame.outward))
     return tuple(found)
+
+
+def restrapped(mesh: Mesh, like: Template) -> tuple[StrapHole, ...]:
+    """The strap slots of the built-in template, in the own mesh's wall; none where a side has no wall all round its slot."""
+    rays = Rays(mesh)
+    found = [_in_wall(rays, hole) for hole in like.straps]
+    return tuple(hole for hole in found if hole is not None) if all(found) else ()
+
+
+def _in_wall(rays: Rays, hole: StrapHole) -> StrapHole | None:
+    """The hole moved along its way through to the middle of the wall that is nearest there."""
+    across, reach = np.cross(hole.through, hole.along), _STRAP_REACH * hole.depth_mm
+    half = 0.5 * np.array([hole.length_mm, hole.width_mm]) + _STRAP_RIM * hole.width_mm
+    corners = np.array(
+        [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (0.8, 0.8), (-0.8, 0.8), (0.8, -0.8), (-0.8, -0.8)]
+    )
+    places = hole.centre + (corners * half) @ np.stack([hole.along, across])
+    ways = np.tile(hole.through, (len(places), 1))
+    before, after = (rays.distances(places - side * reach * ways, side * ways) for side in (1.0, -1.0))
+    thick = 2.0 * reach - before - after
+    if not (np.isfinite(thick) & (thick > 0.0) & (thick < hole.depth_mm)).all():
+        return None
+    centre = hole.centre + (before[0] + 0.5 * thick[0] - reach) * hole.through
+    return replace(hole, centre=centre, depth_mm=float(hole.depth_mm + np.ptp(before) + np.ptp(after)))
 
 
 def front_frame(mesh: Mesh, ahead: Float64[np.ndarray, "3"]) -> tuple[MotifFrame, ...]:

@@ -54,6 +54,8 @@ _OFF_BRIM_MM = 3.0
 """Distance of the brim from a face."""
 _TAPER = 1.3
 """How the brim becomes shorter sideways: it is as long as (1 - (azimuth / spread)²) to this power."""
+_OVER_PUPIL, _RISES = 0.8, -0.1
+"""The brim ends this share of an eye's radius over its middle, or rises by this slope: it shades an eye, not covers it."""
 _FLATTEST = -0.2
 """A brim that would have to rise more steeply than this has no place."""
 _DEEPEST = 4.0
@@ -184,15 +186,8 @@ def build(body: Body, settings: Settings) -> Template:
     visor = replace(visor, pads=tuple(pads.values()))
 
     edge = max(EDGE_MM * s, 0.6 * wall)
-    sides = Wall(
-        visor.middle_of,
-        visor.beyond,
-        visor.outer,
-        visor.inner,
-        rest=visor.rest,
-        resting=visor.resting,
-        least_mm=wall,
-    )
+    fields = visor.middle_of, visor.beyond, visor.outer, visor.inner, visor.rest, visor.resting
+    sides = Wall(*fields, least_mm=wall)
     mesh, inside = walled(sides, bounds, edge, min(0.7 * edge, wall), mirrored=True, name=KIND.name)
     contacts = resting(part, pads) | _forehead(visor)
     return Template(
@@ -271,18 +266,30 @@ def _in_the_way(visor: _Visor) -> float:
 
 
 def _fall(visor: _Visor) -> float:
-    """The usual slope of the brim, or less where a brow or a snout still stands in its way.
+    """The usual slope of the brim, or less where it would hang before the eyes, or a brow or a snout stands in its way.
 
     Raises `InputError` where it would have to stand up.
     """
     skin, within, most = _below(visor)
-    fall = float(((most - visor.height(skin)) / within - _sideways(visor, skin)).min(initial=_FALL))
+    usual = min(_FALL, max(_in_sight(visor), _RISES))
+    fall = float(((most - visor.height(skin)) / within - _sideways(visor, skin)).min(initial=usual))
     if fall < _FLATTEST:
         raise InputError(
             f"the brow or snout of the {visor.head.part.name} stands in the way of a brim of {visor.brim:.0f} mm",
             "Ask for a shorter or narrower one (--set brim=..., --set spread=...), or choose another template.",
         )
     return fall
+
+
+def _in_sight(visor: _Visor) -> float:
+    """The slope with which the brim ends over the eyes, as one sees it who looks straight ahead."""
+    part, eye = visor.head.part, visor.head.at["eye_left"]
+    if "eye_left" not in part.regions:
+        return _FALL
+    around = part.mesh.vertices[part.regions["eye_left"].vertex_indices] - eye
+    top = float(visor.height(eye[None])[0]) + _OVER_PUPIL * float(np.linalg.norm(around, axis=1).max())
+    root = -0.5 * visor.band - (_UNDER + 0.5) * visor.wall
+    return (root - top) / visor.brim - float(_sideways(visor, eye[None])[0])
 
 
 def _pads(visor: _Visor) -> dict[str, Pad]:

@@ -49,7 +49,7 @@ def _whole(wish: Wish, template: str) -> Subject:
     name = f"{wish.subject.name} {template}"
     if wish.other is not None or name not in known:
         raise InputError(
-            f"the library has no drawing of a whole {template} that is a {wish.words}",
+            f"the library has no drawing of the whole {template} for '{wish.words}'",
             f"As whole objects it has: {', '.join(known)}. Leave --as out to work a motif into the {template}.",
         )
     return known[name]
