@@ -5,14 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64, Int
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 from torch import Tensor
 
 from fabcraft.fit.descend import State, rest_restriction
 from fabcraft.fit.losses import Term, collapse_loss, jacobian_loss, normal_consistency_loss, smoothness_loss
 from fabcraft.fit.neighbours import Neighbours
 from fabcraft.fit.presets import DeformWeights
+from fabcraft.geometry.along import face_distances
 from fabcraft.geometry.operators import edge_faces
 from fabcraft.geometry.poisson import PoissonSystem
 from fabcraft.mesh import Mesh
@@ -74,21 +73,9 @@ def lock_weights(mesh: Mesh, locked: Bool[np.ndarray, " F"], falloff_mm: float) 
     """
     if not locked.any():
         return np.zeros(len(locked))
-    distances = dijkstra(
-        _face_graph(mesh), directed=False, indices=np.flatnonzero(locked), min_only=True, limit=falloff_mm
-    )
+    distances = face_distances(mesh, locked, falloff_mm)
     share = np.clip(1.0 - distances / max(falloff_mm, 1e-9), 0.0, 1.0)
     return np.where(locked, 1.0, share * share * (3.0 - 2.0 * share))
-
-
-def _face_graph(mesh: Mesh) -> csr_matrix:
-    """The ways between the middles of neighbouring faces, over the middle of the edge that they share, mm."""
-    edges, sides = edge_faces(mesh.faces)
-    pairs = (sides >= 0).all(1)
-    one, other = sides[pairs].T
-    middles, crossed = mesh.corners.mean(1), mesh.vertices[edges[pairs]].mean(1)
-    ways = sum(np.linalg.norm(middles[face] - crossed, axis=1) for face in (one, other))
-    return csr_matrix((ways, (one, other)), shape=(len(mesh.faces),) * 2)
 
 
 def _lock_term(

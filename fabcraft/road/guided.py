@@ -11,6 +11,7 @@ from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.fit import presets
 from fabcraft.fit.presets import Baseline, DeformSettings, baseline, for_text
+from fabcraft.geometry.along import face_distances
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by, seated
 from fabcraft.guidance.clean import cleaned
@@ -51,6 +52,8 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         row = _method(recipe, template)
         settings = row.settings
         locked = locked_of(template, distance) if row.locked else None
+        if locked is not None:  # the seat is held all along, and mended exactly: no need to turn the guidance down
+            settings = replace(settings, guidance_then=1.0)
         guidance: list["Guide"] = []
         route: tuple[str, ...]
         said: tuple[str, ...] = ()
@@ -186,16 +189,19 @@ def goal_on(
 
 
 def locked_of(template: Template, distance: SurfaceDistance) -> Bool[np.ndarray, " F"] | None:
-    """The locked faces that look at the skin, which stay on the surface that they were built on; None where there are none.
+    """The locked faces that stay on the surface that they were built on; None where there are none.
 
-    Of a wall's edges, which do not, guidance may make what it likes.  A sheet's solid has other faces than the template.
+    Of the edge of a wall, which does not look at the skin, guidance may make what it likes; a temple, locked on all its
+    sides, is none.  A sheet's solid has other faces than the template.
     """
-    if template.kind != "solid" or template.locked is None:
+    if template.kind != "solid" or template.locked is None or not template.locked.any():
         return None
-    away = distance.signed_with_gradient(template.mesh.corners.mean(1))[1]
-    towards = np.einsum("ij,ij->i", away, template.mesh.face_normals) < -_LOOKS
-    locked = template.locked & towards
-    return locked if locked.any() else None
+    mesh, free = template.mesh, ~template.locked
+    away = distance.signed_with_gradient(mesh.corners.mean(1))[1]
+    looking = np.einsum("ij,ij->i", away, mesh.face_normals) < -_LOOKS
+    wall = 1.5 * template.wall_mm
+    inland = ~np.isfinite(face_distances(mesh, free, wall)) if free.any() else template.locked
+    return template.locked & (looking | inland)
 
 
 def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
