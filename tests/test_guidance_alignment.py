@@ -7,7 +7,7 @@ from worn import ball, horned, torus
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.align import Similarity
-from fabcraft.guidance.alignment import aligned, laid_on
+from fabcraft.guidance.alignment import Aligned, aligned, laid_on, seated
 from fabcraft.guidance.clean import cleaned
 from fabcraft.mesh import Mesh
 
@@ -61,3 +61,29 @@ def test_a_mesh_stays_where_its_user_puts_it():
     assert found.mesh.vertices == pytest.approx(2.0 * onto.vertices + [5.0, 0.0, 0.0])
     assert found.residual > 0.1
     assert found.words.startswith("placed by its transform")
+
+
+def annulus(bore: float, rim: float, high: float = 5.0) -> Mesh:
+    made = trimesh.creation.annulus(bore, rim, high, sections=96)
+    made = made.subdivide_to_size(1.5)
+    return Mesh(np.array(made.vertices), made.faces.astype(np.int32), "ring")
+
+
+def test_a_thick_ring_is_sized_by_its_bore():
+    template, goal = annulus(10.0, 11.0), annulus(6.0, 11.0)
+    looks_in = np.linalg.norm(template.corners[:, :, :2], axis=2).max(1) < 10.1
+    seat = template.submesh(looks_in)
+    turn = Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix()
+    found = Aligned(goal.with_vertices(goal.vertices @ turn.T + [0.5, 0.0, 0.3]), 0.1, Similarity())
+    placed = seated(found, seat)
+    bore = np.linalg.norm(placed.mesh.vertices[:, :2], axis=1).min()
+    assert bore == pytest.approx(10.0, abs=0.15)
+    np.testing.assert_allclose(placed.placed.points(found.mesh.vertices), placed.mesh.vertices, atol=1e-9)
+
+
+def test_a_ball_without_a_bore_stays_where_it_is():
+    seat = annulus(10.0, 11.0)
+    seat = seat.submesh(np.linalg.norm(seat.corners[:, :, :2], axis=2).max(1) < 10.1)
+    ball = trimesh.creation.icosphere(3, 11.0)
+    found = Aligned(Mesh(np.array(ball.vertices), ball.faces.astype(np.int32)), 0.1, Similarity())
+    assert seated(found, seat) is found

@@ -107,7 +107,7 @@ def deform(
 
     guidance : made for the frame of `rest` (`Frame.of(rest)`) and, if it keeps targets by camera, for
         `ViewBank.around(rest, settings)`. One that compares with the rest shape (`prepare`) is shown it here.
-    locked : faces that keep their shape, one flag each.
+    locked : faces that stay on the surface that they are part of, along which they may spread; one flag each.
     Raises `InputError` for a mesh that has no deformation: unused vertices, faces without area, and for flags that do not
     match the faces; `MissingError` for a CUDA device that is not there. Ctrl-C keeps the best so far, settles and
     measures it.
@@ -264,11 +264,13 @@ def _lock(
 def _settled(now: _Object, scene: _Scene) -> tuple[Mesh, float, float]:
     """Its locked faces back where they were built, settled as a whole, then pushed out; and how far each moved it, mm."""
     mesh = now.mesh
-    if scene.body is None or not scene.settings.settle:
+    if not scene.settings.settle:
         return mesh, 0.0, 0.0
     wanted = np.full(len(mesh.vertices), scene.settings.clearance_mm)
     spread = min(5.0, 0.1 * float(mesh.size_mm.max()))
     seated, back = reseated(mesh, now.origin, now.lock, spread)
+    if scene.body is None:
+        return seated, 0.0, back
     settled = settle_rigidly(seated, scene.body, wanted)
     pushed, most = clear(settled.mesh, scene.body, wanted, spread)
     return pushed, float(np.linalg.norm(settled.shift_mm)), max(back, most)

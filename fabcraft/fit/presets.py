@@ -99,7 +99,7 @@ class DeformSettings:
     link_parts: bool = True
     """Tie the parts of a template of several pieces to each other, softly."""
     settle: bool = True
-    """After the loop, settle and push out, so that the clearance is a promise."""
+    """After the loop, bring locked faces back, settle and push out, so that seat and clearance are promises."""
 
     def __post_init__(self) -> None:
         counts = {"steps": self.steps, "views": self.views, "bank": self.bank, "chunk": self.chunk}

@@ -12,7 +12,7 @@ from fabcraft.mesh import Mesh
 def face_distances(mesh: Mesh, sources: Bool[np.ndarray, " F"], limit_mm: float) -> Float64[np.ndarray, " F"]:
     """Length of the shortest such way from each face's middle to one of the `sources`'; infinite beyond the limit.
 
-    The ways turn with the triangles and so are a few percent too long.  Needs at least one source.
+    The ways turn with the triangles and so are up to a quarter too long.  Needs at least one source.
     Raises `InputError` when more than two faces meet at an edge.
     """
     edges, sides = edge_faces(mesh.faces)

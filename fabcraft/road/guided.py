@@ -52,7 +52,9 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         row = _method(recipe, template)
         settings = row.settings
         locked = locked_of(template, distance) if row.locked else None
-        if locked is not None:  # the seat is held all along, and mended exactly: no need to turn the guidance down
+        if (
+            locked is not None
+        ):  # the seat is held all along, and mended exactly: no need to turn the guidance down
             settings = replace(settings, guidance_then=1.0)
         guidance: list["Guide"] = []
         route: tuple[str, ...]
