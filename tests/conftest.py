@@ -54,9 +54,10 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.fixture(scope="session")
 def cat(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The cat mask for a man, draft, as 3MF and STL with everything beside them."""
-    from fabcraft import pipeline
+    """The cat mask for a man, draft, as 3MF and STL with everything beside them; pictures of half the size."""
+    from fabcraft import outputs, pipeline
     from fabcraft.cli import main
+    from fabcraft.write import wearer
 
     folder = tmp_path_factory.mktemp("cat")
     kept: list["Made"] = []
@@ -75,6 +76,9 @@ def cat(tmp_path_factory: pytest.TempPathFactory) -> Run:
         contextlib.redirect_stderr(told),
     ):
         patch.setattr(pipeline, "make", keeping)
+        for module, name in ((outputs, "PORTRAIT"), (outputs, "BESIDE_BAR"), (wearer, "PORTRAIT")):
+            width, height = getattr(module, name)
+            patch.setattr(module, name, (width // 2, height // 2))
         code = main(words)
     assert kept, told.getvalue()
     return Run(code, folder, json.loads(said.getvalue()), told.getvalue(), kept[0])

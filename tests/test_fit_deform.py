@@ -65,34 +65,28 @@ def test_a_ring_inside_a_finger_leaves_it_steadily_and_sits_on_it():
     found = deform(SUNK, body=FINGER, contacts=band(9.0), settings=DRAFT, watch=watch)
     assert seen[0] == pytest.approx(3.0, abs=0.02)
     assert (np.diff(seen) <= 1e-3).all() and seen[-1] < 0.05
-    assert found.pen_max_mm <= 0.05 and found.clear_of_body and found.contact_rms_mm < 0.3
+    assert found.pen_max_mm <= 0.05 and found.clear_of_body and found.contact_rms_mm < 0.1
     assert found.stopped is Stop.STEPS and len(found.history["total"]) == 120
 
 
-@pytest.mark.parametrize("guided", [False, True])
-def test_a_ring_3_mm_inside_the_finger_ends_on_it(guided):
+def test_a_ring_3_mm_inside_the_finger_takes_its_lumps_and_ends_on_it():
     target = lumpy(torus(10.9, 1.5))
-    guidance = [TargetPoints.of(target, SUNK, body=FINGER, clearance_mm=0.2)] if guided else []
+    guidance = [TargetPoints.of(target, SUNK, body=FINGER, clearance_mm=0.2)]
     found = deform(SUNK, body=FINGER, contacts=band(9.0), guidance=guidance, settings=DRAFT)
     assert found.pen_max_mm <= 0.05 and found.contact_rms_mm < 0.1
-    if guided:
-        missed = SurfaceDistance(target).closest(found.mesh.vertices).distances
-        assert np.sqrt((missed**2).mean()) < 0.45
-        assert found.history["chamfer"][-20] < 0.2 * found.history["chamfer"][0]
+    missed = SurfaceDistance(target).closest(found.mesh.vertices).distances
+    assert np.sqrt((missed**2).mean()) < 0.45
+    assert found.history["chamfer"][-20] < 0.2 * found.history["chamfer"][0]
 
 
-@pytest.mark.parametrize("guided", [False, True])
-def test_a_bangle_3_mm_inside_a_tapered_wrist_ends_on_it(guided):
+def test_a_bangle_3_mm_inside_a_tapered_wrist_ends_on_it():
     bangle, settings = torus(29.0, 3.0), replace(DRAFT, clearance_mm=0.3)
-    target = lumpy(torus(32.6, 3.0), 7)
-    guidance = [TargetPoints.of(target, bangle, body=WRIST, clearance_mm=0.3)] if guided else []
     contacts = band(29.0, 0.3, slope=0.05)
-    found = deform(bangle, body=WRIST, contacts=contacts, guidance=guidance, settings=settings)
+    found = deform(bangle, body=WRIST, contacts=contacts, settings=settings)
     assert depth(bangle, WRIST) > 2.9 and found.pen_max_mm <= 0.05 and found.contact_rms_mm < 0.3
 
 
-@pytest.mark.parametrize("guided", [False, True])
-def test_a_mask_sheet_3_mm_inside_a_face_ends_in_front_of_it(guided):
+def test_a_mask_sheet_3_mm_inside_a_face_ends_in_front_of_it():
     template, body = woman()
     sheet = template.mesh
     resting = np.flatnonzero(template.front.at(template.front.contact, sheet.vertices[:, [0, 2]]) > 0.5)
@@ -103,7 +97,7 @@ def test_a_mask_sheet_3_mm_inside_a_face_ends_in_front_of_it(guided):
     sunk = sheet.with_vertices(sheet.vertices + [0.0, clear_by + 4.0, 0.0])
     ripple = 3.0 + 3.0 * np.cos(sheet.vertices[:, :1] / 6.0)
     target = sheet.with_vertices(sheet.vertices - ripple * [0.0, 1.0, 0.0])
-    guidance = [TargetPoints.of(target, sunk, body=body, clearance_mm=1.0)] if guided else []
+    guidance = [TargetPoints.of(target, sunk, body=body, clearance_mm=1.0)]
     settings = replace(DRAFT, steps=60, clearance_mm=1.0)
     found = deform(sunk, body=body, contacts=contacts, guidance=guidance, settings=settings)
     assert depth(sunk, body) > 2.0 and found.pen_max_mm <= 0.05 and found.contact_rms_mm < 0.6

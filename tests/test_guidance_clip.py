@@ -245,8 +245,7 @@ print([round(value, 5) for value in model.encode_text(["a cat"])[0].tolist()], m
 """
 
 
-@pytest.mark.parametrize("offline", ["1", "0"])
-def test_weights_come_from_the_cache_or_not_at_all_and_never_from_the_network(offline, tmp_path, model):
+def test_weights_come_from_the_cache_or_not_at_all_and_never_from_the_network(tmp_path, model):
     folder = tmp_path / "hub" / "models--someone--tiny"
     tiny_clip.save(folder / "snapshots" / ("0" * 40), name="open_clip_model.safetensors")
     (folder / "refs").mkdir()
@@ -254,7 +253,7 @@ def test_weights_come_from_the_cache_or_not_at_all_and_never_from_the_network(of
     config = tmp_path / "tiny-test.json"
     config.write_text(json.dumps(tiny_clip.CONFIG))
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HF_")}
-    environment |= {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": offline}
+    environment |= {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "0"}  # the hub itself would go there
     command = [sys.executable, "-c", NO_NETWORK + FROM_CACHE, str(config)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
     assert done.returncode == 0, done.stderr

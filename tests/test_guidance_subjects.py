@@ -29,7 +29,8 @@ def crossings(contour: np.ndarray) -> int:
         area = d[:, None, 0] * r[..., 1] - d[:, None, 1] * r[..., 0]
         return np.sign(np.where(abs(area) < 1e-6, 0.0, area))
 
-    apart = side(a) * side(b) < 0
+    start = side(a)
+    apart = start * np.roll(start, -1, 1) < 0
     return int(np.triu(apart & apart.T, 2).sum())
 
 

@@ -114,8 +114,14 @@ def assert_sound(relief: Relief):
     assert inside(np.vstack(relief.openings), [relief.outline]).all()
 
 
-def test_a_relief_comes_back_from_another_scale_up_axis_and_facing(drawn, sheet):
-    relief, notes = lifted(turned(sheet, Y_UP_FACING_X, 0.01), template())
+@pytest.fixture(scope="module")
+def back(sheet):
+    """The relief and the notes of the sheet in another scale, up axis and facing."""
+    return lifted(turned(sheet, Y_UP_FACING_X, 0.01), template())
+
+
+def test_a_relief_comes_back_from_another_scale_up_axis_and_facing(drawn, back):
+    relief, notes = back
     assert_sound(relief)
     assert overlap(relief, drawn)[0] > 0.985
     mean, spread = differs(relief, drawn)
@@ -131,16 +137,14 @@ def test_a_thick_relief_comes_back_too(drawn, sheet):
     assert differs(relief, drawn)[1] < 0.8
 
 
-@pytest.mark.parametrize("index", [1, 5, 10, 15, 19, 23])
+@pytest.mark.parametrize("index", [1, 10, 15, 23])
 def test_every_facing_is_understood(sheet, index):
     rotation = axis_rotations()[index]
     facing = faced(turned(sheet, rotation, 3.0), template())
     assert facing.pose.rotation @ rotation == pytest.approx(np.eye(3), abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("axis", "degrees"), [((1.0, 0.0, 0.0), -20.0), ((1.0, 0.0, 0.0), 12.0), ((0.3, 1.0, 0.2), 20.0)]
-)
+@pytest.mark.parametrize(("axis", "degrees"), [((1.0, 0.0, 0.0), -20.0), ((0.3, 1.0, 0.2), 20.0)])
 def test_a_tilted_mask_is_levelled_by_its_eyes(drawn, sheet, axis, degrees):
     relief, _ = lifted(turned(sheet, about(axis, degrees)), template())
     assert overlap(relief, drawn)[0] > 0.97
@@ -205,7 +209,7 @@ def test_a_sphere_becomes_a_round_mask_with_the_template_s_openings():
 
 
 def test_the_back_of_a_helmet_is_not_seen_through_its_eyes():
-    sphere = trimesh.creation.icosphere(5, 1.0)
+    sphere = trimesh.creation.icosphere(4, 1.0)
     points = sphere.vertices * [88.0, 100.0, 115.0]
     centres = points[sphere.faces].mean(1)
     hole = np.zeros(len(centres), dtype=bool)
@@ -238,8 +242,8 @@ def test_a_coarse_mesh_will_do(drawn, sheet):
     assert differs(relief, drawn)[1] < 1.5
 
 
-def test_the_same_mesh_gives_the_same_relief(sheet):
-    one, other = (target_relief(turned(sheet, Y_UP_FACING_X), template()).relief for _ in range(2))
+def test_the_same_mesh_gives_the_same_relief(sheet, back):
+    one, other = back[0], lifted(turned(sheet, Y_UP_FACING_X, 0.01), template())[0]
     assert one.height.tobytes() == other.height.tobytes()
     assert one.detail.tobytes() == other.detail.tobytes()
     assert one.outline.tobytes() == other.outline.tobytes()

@@ -1,11 +1,14 @@
 """What `make` leaves behind: complete, sound, told truthfully, and all of it or nothing."""
 
+import contextlib
 import errno
+import io
 import json
 import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import lib3mf
@@ -87,7 +90,9 @@ def test_the_slicer_finds_one_manifold_part_and_slices_it(cat) -> None:
     info = dict(map(str.strip, line.split(" = ")) for line in told.stdout.splitlines() if " = " in line)
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")
     assert info.get("open_edges", "0") == "0"
-    answer = ask_slicer(read_mesh(cat.folder / "out" / "cat.stl"), cat.made.profile)
+    coarse = replace(cat.made.profile, layer_mm=0.3)
+    mesh = read_mesh(cat.folder / "out" / "cat.stl")
+    answer = ask_slicer(mesh, coarse, supports=False, infill_percent=0)
     assert answer.sliced is True
     assert (answer.seconds or 0) > 600
 
@@ -112,27 +117,43 @@ def test_the_page_embeds_every_picture_the_recipe_and_both_maps(cat) -> None:
     assert "http://" not in page.replace("http://www.w3.org", "")
 
 
-def test_a_second_run_in_another_process_writes_the_same_bytes(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(Path(__file__).parents[1] / "examples" / "objects" / "star.png", tmp_path)
-    text = 'template = "ring"\nsketch = "star.png"\npreset = "draft"\npictures = false\n'
-    text += 'output = ["out/a.3mf", "out/a.stl"]\n'
-    written = []
-    for run in ("one", "two"):
-        recipe = tmp_path / "again.toml"
-        recipe.write_text(text)
-        words = ["make", str(recipe)]
-        if run == "one":
-            assert main(words) == 0
-        else:
-            done = subprocess.run(
-                [sys.executable, "-m", "fabcraft", *words], capture_output=True, text=True, timeout=300
-            )
-            assert done.returncode == 0, done.stderr
-            assert "printable" in done.stdout.splitlines()[0]
-        written.append({path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()})
-    assert set(written[0]) == {"a.3mf", "a.stl"}
-    assert written[0] == written[1]
+RING = """template = "ring"
+text = "star"
+via = "subjects"
+preset = "draft"
+strap_slots = false
+pictures = false
+output = ["out/a.3mf", "out/a.stl"]
+"""
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory) -> tuple[Path, dict]:
+    """The recipe of a ring with a star, and what making it said; what it wrote is in out/ beside the recipe."""
+    recipe, said = tmp_path_factory.mktemp("ring") / "ring.toml", io.StringIO()
+    recipe.write_text(RING)
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
+        patch.chdir(recipe.parent)
+        assert main(["make", recipe.name, "--json"]) == 0
+    return recipe, json.loads(said.getvalue())
+
+
+def test_a_ring_is_made_from_a_word(ring) -> None:
+    _, report = ring
+    assert report["metrics"]["silhouette_iou"] > 0.85
+    assert any("'star': star, of the library" in line for line in report["route"])
+    assert report["metrics"]["pen_max_mm"] == 0.0
+
+
+def test_a_second_run_in_another_process_writes_the_same_bytes(ring) -> None:
+    recipe, _ = ring
+    first = {path.name: path.read_bytes() for path in (recipe.parent / "out").iterdir()}
+    assert set(first) == {"a.3mf", "a.stl"}
+    command = [sys.executable, "-m", "fabcraft", "make", recipe.name]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=recipe.parent)
+    assert done.returncode == 0, done.stderr
+    assert "printable" in done.stdout.splitlines()[0]
+    assert {path.name: path.read_bytes() for path in (recipe.parent / "out").iterdir()} == first
 
 
 def test_without_pictures_only_the_outputs_are_written() -> None:
@@ -142,8 +163,6 @@ def test_without_pictures_only_the_outputs_are_written() -> None:
 
 
 def test_a_recipe_without_output_is_refused(cat) -> None:
-    from dataclasses import replace
-
     with pytest.raises(InputError, match="no output"):
         write_all(replace(cat.made, recipe=Recipe()))
 
@@ -203,8 +222,6 @@ def test_the_picture_of_a_head_marks_its_landmarks() -> None:
 
 
 def test_the_python_interface_makes_and_writes(cat, tmp_path: Path) -> None:
-    from dataclasses import replace
-
     recipe = fabcraft.Recipe(output=(str(tmp_path / "a.glb"), str(tmp_path / "a.ply")), pictures=False)
     files = fabcraft.write_all(replace(cat.made, recipe=recipe))
     assert [Path(file).name for file in files] == ["a.glb", "a.ply"]

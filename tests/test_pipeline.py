@@ -9,6 +9,7 @@ from drawn import arc, eyes, head, page
 import fabcraft
 from fabcraft.body.human import human
 from fabcraft.errors import InputError
+from fabcraft.guidance.drawing import Drawing
 from fabcraft.guidance.edges import understand
 from fabcraft.guidance.inflate import inflate
 from fabcraft.guidance.placement import PlacementSettings, place
@@ -17,6 +18,7 @@ from fabcraft.pipeline import make
 from fabcraft.read.image_file import read_image
 from fabcraft.recipe import Recipe
 from fabcraft.template.mask import mask
+from fabcraft.template.template import Template
 from fabcraft.wearer import find_body
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -113,16 +115,20 @@ def test_of_two_drawings_the_larger_is_used_and_the_report_says_so() -> None:
     assert any("drawing" in text for text in drawing.warnings)
 
 
-def test_a_mask_pushed_up_over_the_forehead_is_not_called_wearable() -> None:
-    template = mask(human("woman"))
-    relief = inflate(
-        place(understand(read_image(EXAMPLES / "owl.png")), template, PlacementSettings(up_mm=80.0)), template
-    )
+@pytest.fixture(scope="module")
+def owl() -> tuple[Template, Drawing]:
+    """A woman's mask, and what shall be on it."""
+    return mask(human("woman")), understand(read_image(EXAMPLES / "owl.png"))
+
+
+def test_a_mask_pushed_up_over_the_forehead_is_not_called_wearable(owl) -> None:
+    template, drawing = owl
+    relief = inflate(place(drawing, template, PlacementSettings(up_mm=80.0)), template)
     said = {finding.check: finding.severity for finding in seat_findings(template, relief)}
     assert said == {"rests": "fail", "eyes": "fail"}
 
 
-def test_a_mask_where_it_belongs_has_no_seat_findings() -> None:
-    template = mask(human("woman"))
-    relief = inflate(place(understand(read_image(EXAMPLES / "owl.png")), template), template)
+def test_a_mask_where_it_belongs_has_no_seat_findings(owl) -> None:
+    template, drawing = owl
+    relief = inflate(place(drawing, template), template)
     assert seat_findings(template, relief) == []

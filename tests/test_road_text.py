@@ -64,13 +64,6 @@ def test_a_recipe_keeps_its_text_and_road(tmp_path):
         read_recipe(path)
 
 
-def test_a_ring_is_made_from_a_word(bare, monkeypatch):
-    made = pipeline.make(Recipe(template="ring", text="star", preset="draft", strap_slots=False))
-    assert made.drawing is not None and made.report.metrics["silhouette_iou"] > 0.85
-    assert any("'star': star, of the library" in line for line in made.report.route)
-    assert made.report.metrics["pen_max_mm"] == 0.0
-
-
 def test_the_command_lists_shows_and_draws(tmp_path, capsys):
     assert main(["subjects", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

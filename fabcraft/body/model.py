@@ -8,7 +8,7 @@ The file holds the left half; people are mirror images of themselves but for tho
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.resources import files
 
 import numpy as np
@@ -79,6 +79,7 @@ class HumanModel:
         return self.hand.relaxed(points, count, self.joint_names)
 
 
+@cache
 def human_model() -> HumanModel:
     """The baked model, about 60 ms."""
     with (files("fabcraft.body") / "human.npz").open("rb") as stream, np.load(stream) as arrays:

@@ -99,9 +99,11 @@ def refined(mesh: Mesh, places: Float64[np.ndarray, "P 3"], fine_mm: float, coar
     """The same surface with edges up to `fine_mm` near `places`, growing with the distance to `coarse_mm`."""
     tree = cKDTree(places)
     reach = _NEAR * float(np.ptp(places, axis=0).max())
+    coarse_from = 1.001 * ((coarse_mm - fine_mm) / _GROWTH + reach)
 
     def longest(middles: np.ndarray) -> np.ndarray:
-        away = np.maximum(tree.query(middles)[0] - reach, 0.0)
+        # from `coarse_from` on the tree answers inf, without a search
+        away = np.maximum(tree.query(middles, distance_upper_bound=coarse_from)[0] - reach, 0.0)
         return np.minimum(fine_mm + _GROWTH * away, coarse_mm)
 
     # a face of area A comes apart into about A / (0.2 l²); where that is too much, all edges may be longer
@@ -110,7 +112,7 @@ def refined(mesh: Mesh, places: Float64[np.ndarray, "P 3"], fine_mm: float, coar
     while np.maximum(counts / factor**2, 1.0).sum() > _MOST_REFINED and factor < 10.0:
         factor *= 1.1
     while factor < 10.0:  # the estimate is a little low, so it is tried
-        finer = split_edges(mesh, _times(longest, factor))
+        finer = split_edges(mesh, _times(longest, factor), _MOST_REFINED)
         if len(finer.faces) <= _MOST_REFINED:
             return finer
         factor *= 1.1

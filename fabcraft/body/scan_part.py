@@ -6,6 +6,7 @@ x = mean + B c, so that fitting it to a scan yields the person's coefficients.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -112,6 +113,7 @@ def adult(model: HumanModel) -> Float32[np.ndarray, " K"]:
     return (model.presets["man"] + model.presets["woman"]) / 2
 
 
+@cache
 def part_model(model: HumanModel, kind: Kind) -> PartModel:
     """The part `kind` of `model`; cut on the adult between man and woman."""
     points = with_hips(model.points(adult(model)), model.joint_names)

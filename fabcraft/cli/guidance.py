@@ -87,8 +87,9 @@ def guidance(
         drawing, told = _of_drawing(drawing, list(route), plain(template, wearer.found(body)), reading)
         told["warnings"] = [*notes, *told["warnings"]]
     elif Path(file).suffix.lower().removeprefix(".") in FORMATS:
+        mesh = read_mesh(file, largest_mm=np.inf)
         base = plain(template, wearer.found(body))
-        told, used = _of_mesh(read_mesh(file, largest_mm=np.inf), file, base, guidance_transform or "")
+        told, used = _of_mesh(mesh, file, base, guidance_transform or "")
         if show_input is not None:
             from fabcraft.write.bodies import beside_body
 

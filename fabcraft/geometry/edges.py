@@ -54,19 +54,20 @@ Length = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
 """A length, mm, for every place."""
 
 
-def split_edges(mesh: Mesh, longest_mm: float | Length) -> Mesh:
+def split_edges(mesh: Mesh, longest_mm: float | Length, most_faces: int | None = None) -> Mesh:
     """The same surface with no edge above `longest_mm`: longer ones are halved, without gaps.
 
-    longest_mm : one length, or a function of the edges' middles.
+    longest_mm : one length, or a function of the edges' middles.  most_faces : above that many it is left unfinished.
     """
-    while True:
+    while most_faces is None or len(mesh.faces) <= most_faces:
         a, b = mesh.vertices[mesh.faces], mesh.vertices[np.roll(mesh.faces, -1, axis=1)]
         middles = 0.5 * (a + b).reshape(-1, 3)
         limit = longest_mm(middles).reshape(-1, 3) if callable(longest_mm) else longest_mm
         long = np.linalg.norm(b - a, axis=2) > limit
         if not long.any():
-            return mesh
+            break
         mesh = halved(mesh, long)
+    return mesh
 
 
 def halved(mesh: Mesh, long: Bool[np.ndarray, "F 3"]) -> Mesh:

@@ -20,6 +20,7 @@ MOST_LINES = 6000
 MOST_RULES = 200
 MOST_MISSES = 1500  # lines that no ink stands on; the strongest come first
 DARKER = 1.45  # ink is at least so much darker than a rule
+_REACH = 6  # pixels up and down from a line in which it is fitted
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,15 @@ def _lines(dark: Grey, faintest: float) -> list[_Rule]:
     rules: list[_Rule] = []
     thirds = np.array([width / 3, 2 * width / 3])
     misses, taken = 0, np.zeros((0, 2))  # heights of the rules at the thirds of the page
+    columns = np.arange(width)
+    beside = cv2.dilate(mask.astype(np.uint8), np.ones((2 * _REACH + 1, 1), np.uint8))
     for rho, theta in found[:MOST_LINES, 0, :2].tolist():
         a, b = rho / np.sin(theta), -1.0 / np.tan(theta)
         if (np.abs(a + b * thirds - taken).max(1) > 3.0).all():
-            fitted = _fitted(mask, dark, a, b)
+            # the fit looks no farther up and down than that: where too little is beside the line, it is spared
+            rows = np.clip(np.round(a + b * columns).astype(int), 0, height - 1)
+            seen = beside[rows, columns].sum() >= SPAN * width
+            fitted = _fitted(mask, dark, a, b) if seen else None
             if fitted is None:
                 misses += 1
                 if misses > MOST_MISSES:
@@ -109,7 +115,7 @@ def _fitted(mask: Bool[np.ndarray, "H W"], dark: Grey, a: float, b: float) -> _R
     """The line fitted to the pixels beside it; None when too few columns have one."""
     height, width = mask.shape
     columns = np.arange(width)
-    reach = np.arange(-6, 7)
+    reach = np.arange(-_REACH, _REACH + 1)
     for spread in (5.0, 3.0, 2.0):
         centre = a + b * columns
         rows = np.clip(np.round(centre).astype(int)[:, None] + reach, 0, height - 1)

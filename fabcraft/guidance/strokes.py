@@ -114,18 +114,15 @@ def _branches(skeleton: Mask) -> list[Branch]:
 def _walk(pixels: set[tuple[int, int]]) -> tuple[list[tuple[int, int]], bool]:
     """The pixels of one path in order, and whether it closes on itself."""
     steps = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)]  # straight before diagonal
-
-    def beside(p: tuple[int, int]) -> list[tuple[int, int]]:
-        return [(p[0] + i, p[1] + j) for i, j in steps if (p[0] + i, p[1] + j) in pixels]
-
-    ends = [p for p in pixels if len(beside(p)) <= 1]
+    beside = {(r, c): [(r + i, c + j) for i, j in steps if (r + i, c + j) in pixels] for r, c in pixels}
+    ends = [pixel for pixel, others in beside.items() if len(others) <= 1]
     here = min(ends) if ends else min(pixels)
     order, left = [here], pixels - {here}
     while True:
-        ahead = [p for p in beside(here) if p in left]
-        if not ahead:
+        ahead = next((pixel for pixel in beside[here] if pixel in left), None)
+        if ahead is None:
             return order, not ends and len(order) > 7
-        here = ahead[0]
+        here = ahead
         order.append(here)
         left.discard(here)
 

@@ -211,6 +211,7 @@ def _pinned(
     grid = np.stack(np.meshgrid(u, v, indexing="ij"), -1).reshape(-1, 2) @ across + offset * normal
     wall = max(profile.min_wall_mm, profile.min_wall_supported_mm)
     narrowest = _narrowest(profile)
+    grid = grid[surface.inside(grid)]
     deep = -surface.signed(grid) >= 0.5 * narrowest + profile.clearance_fit_mm + wall
     grid = grid[deep]
     grid = grid[:: max(1, len(grid) // _MOST_TRIED)]

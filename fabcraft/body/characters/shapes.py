@@ -165,7 +165,8 @@ def joined(blend: Number, *shapes: Shape) -> Shape:
         total = shapes[0].distance(points)
         for shape in shapes[1:]:
             near = np.flatnonzero(shape.least(points) < total + blend)
-            total[near] = _smooth_min(total[near], shape.distance(points[near]), blend)
+            if len(near):
+                total[near] = _smooth_min(total[near], shape.distance(points[near]), blend)
         return total
 
     return Shape(distance, middle, radius + 0.25 * blend)
@@ -178,7 +179,8 @@ def carved(blend: Number, shape: Shape, *cutters: Shape) -> Shape:
         total = shape.distance(points)
         for cutter in cutters:
             near = np.flatnonzero(cutter.least(points) < blend - total)
-            total[near] = -_smooth_min(-total[near], cutter.distance(points[near]), blend)
+            if len(near):
+                total[near] = -_smooth_min(-total[near], cutter.distance(points[near]), blend)
         return total
 
     return Shape(distance, shape.centre, shape.radius)
