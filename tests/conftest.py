@@ -6,6 +6,9 @@ os.environ.setdefault(
     "OMP_WAIT_POLICY", "PASSIVE"
 )  # before torch: spinning threads would wait for each other
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # workers side by side share the cores: one thread each
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # before cuBLAS: sums in a fixed order
 
 import contextlib

@@ -22,8 +22,9 @@ PAD_SKIRT_MM = 9.0
 """A pad runs out into the wall over about this width.  These lengths are a person's, and scale with the template."""
 PAD_LIMIT_MM = 13.0
 """A gap deeper than this is left open; from 3 mm less the pad thins out."""
-PAD_EDGE_MM = 1.5
-"""The edges of a pad, which lie on skin, are rounded over about this much."""
+PAD_EDGE_MM, HARD_PAD_EDGE_MM = 1.5, 0.75
+"""The edges of a pad, which lie on skin, are rounded over about this much; on a character, which does not give way when the
+mask is taken off, over less: the rounding is material."""
 
 PAD_ROOM_MM = 11.0
 """From this far inside every rim on, a pad has its full height."""
@@ -44,7 +45,8 @@ def shell(
     matrix, faces = loop_matrix(sheet.faces, len(sheet.vertices))
     # Loop's limit surface has no facets; its rim is a cubic spline through almost the same contour
     fine = Mesh(matrix @ sheet.vertices, faces, sheet.name)
-    pads, edge_mm = _pads(template, relief), PAD_EDGE_MM * template.scale
+    pads = _pads(template, relief)
+    edge_mm = template.scale * (HARD_PAD_EDGE_MM if template.body.kind == "character" else PAD_EDGE_MM)
     front = template.front
 
     def outer_mm(points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:

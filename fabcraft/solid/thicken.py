@@ -24,7 +24,7 @@ from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh
 from fabcraft.solid.carve import carve, clearance_min_mm
 from fabcraft.solid.manifolds import part_count, to_manifold, to_mesh, try_manifold, union, without_specks
-from fabcraft.solid.patches import Kind, Piece, pieces, touching
+from fabcraft.solid.patches import Kind, Piece, inward_thickness, pieces, touching
 from fabcraft.solid.repair import clean, repair
 from fabcraft.solid.sheet import KeepOut, PerPoint, SheetSide, WallField, make_sheet, wall_band
 from fabcraft.solid.simplify import simplify_manifold
@@ -35,6 +35,8 @@ _FINEST_MM = 0.05
 _CHORD_MM = 0.03
 _REFINED_MM = 4.0
 _ALL_THIN = 1.0 - 1e-9
+_ROD = 0.75
+"""Twice the volume over area times thickness, below which a solid is a rod: 0.5 for one, 1 for a sheet."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,13 @@ def _verified(mesh: Mesh, keep: KeepOut | None, spare_mm: float) -> dict[str, fl
     return numbers
 
 
+def _is_rod(solid: Mesh) -> bool:
+    """Whether a solid is as thin across as it is through: its volume is A t / 4, a sheet's is A t / 2."""
+    through = inward_thickness(solid, solid.corners.mean(1), solid.face_normals)
+    areas = np.where(np.isfinite(through), solid.face_areas, 0.0)
+    return bool(2.0 * solid.volume_mm3 < _ROD * float(areas @ np.where(areas > 0.0, through, 0.0)))
+
+
 class _Work:
     """One run: its settings, and the notes and numbers that come up on the way."""
 
@@ -194,7 +203,7 @@ class _Work:
         medial = self._thin(to_mesh(solid)) if sound or carved else None
         if medial is None:
             return solid
-        thick = self._wall(medial, SheetSide())
+        thick = self._wall(medial, SheetSide(), rod=_is_rod(to_mesh(solid)))
         if thick is None:
             return solid
         # Short edges first, or the union fans long slivers from the seam to the far corners of flat sides.
@@ -248,11 +257,15 @@ class _Work:
             grid.near(points, half + 1.8 * self.cell_mm, marked)
         return to_manifold(isosurface(grid, narrow_band(grid, marked, field), surface.name))
 
-    def _wall(self, surface: Mesh, side: SheetSide) -> manifold3d.Manifold | None:
-        half = 0.5 * self.settings.wall_mm
+    def _wall(self, surface: Mesh, side: SheetSide, rod: bool = False) -> manifold3d.Manifold | None:
+        """The wall around a surface.  rod : round a line it bends so much that chords and simplifying would make it thin."""
+        half, cell = 0.5 * self.settings.wall_mm, self.cell_mm
+        if rod:
+            cell = 0.5 * cell
+            half += self.settings.simplify_mm + cell**2 / (8.0 * half)
         sheet = make_sheet(surface, half, self.keep)
         self.numbers["pushed_mm"] = max(self.numbers["pushed_mm"], sheet.pushed_mm)
-        grid, marked = wall_band(sheet, half, side, self.cell_mm)
+        grid, marked = wall_band(sheet, half, side, cell)
         volume = narrow_band(grid, marked, WallField(sheet, half, side, self.keep))
         if not (volume < 0).any():
             return None
