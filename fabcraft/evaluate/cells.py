@@ -32,8 +32,8 @@ from fabcraft.write.maps import evolution_strip, penetration_map
 from fabcraft.write.picture import png_bytes
 from fabcraft.write.wardrobe import worn_picture
 
-SCHEMA = 1
-"""Raised when what a cell keeps changes."""
+SCHEMA = 2
+"""Raised when what a cell keeps, or how it is computed, changes."""
 SIZE = (420, 420)
 MAP_MM = 3.0
 """Where the colours of the maps end, the same for all, on a body of a person's size."""
