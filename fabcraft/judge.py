@@ -5,7 +5,7 @@ the eyes, are promises of their own: a mask pushed up over the forehead sits on 
 """
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 from scipy.ndimage import distance_transform_edt
 
 from fabcraft.check.inspect import Worn
@@ -150,11 +150,13 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
     body = template.body
     firm = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
     surface = SurfaceDistance(solid)
-    rest = [_nearest(surface, body.mesh.vertices[region.vertex_indices]) for region in firm]
-    gaps = [
-        _allowed(surface, points, template.listed_mm[0], one.gap_mm)
-        for points, one in zip(rest, firm, strict=True)
-    ]
+    rest, gaps, least = [], [], template.listed_mm[0]
+    for region in firm:
+        skin = body.mesh.vertices[region.vertex_indices]
+        nearest, away = nearest_tenth(surface, skin)
+        rest.append(skin[nearest])
+        # the gap that it may have, nearest to the one it has: what is between the two misses nothing
+        gaps.append(np.clip(away, least, max(least, region.gap_mm)))
     through = None if template.path is None else template.path.through
     pressed = max([-region.never_closer_mm for region in firm], default=0.0)
     return Worn(
@@ -170,17 +172,13 @@ def worn_solid(solid: Mesh, template: Template, distance: SurfaceDistance) -> Wo
     )
 
 
-def _nearest(surface: SurfaceDistance, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "M 3"]:
-    """The tenth of `points` that is nearest to `surface`, at least three of them."""
-    order = np.argsort(surface.closest(points).distances, kind="stable")
-    return points[order[: max(3, len(points) // 10)]]
-
-
-def _allowed(
-    surface: SurfaceDistance, points: Float64[np.ndarray, "M 3"], least_mm: float, most_mm: float
-) -> Float64[np.ndarray, " M"]:
-    """The gap that each contact may have, nearest to the one it has: what is between the two misses nothing."""
-    return np.clip(surface.closest(points).distances, least_mm, max(least_mm, most_mm))
+def nearest_tenth(
+    surface: SurfaceDistance, points: Float64[np.ndarray, "N 3"]
+) -> tuple[Int64[np.ndarray, " M"], Float64[np.ndarray, " M"]]:
+    """Which tenth of `points` is nearest to `surface`, at least three of them, and how far each is from it, mm."""
+    away = surface.closest(points).distances
+    nearest = np.argsort(away, kind="stable")[: max(3, len(points) // 10)]
+    return nearest, away[nearest]
 
 
 def motif_likeness(

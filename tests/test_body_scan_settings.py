@@ -108,6 +108,12 @@ def test_an_animal_with_landmarks_becomes_a_body_with_a_face(animal_file, tmp_pa
         ("a.csv", "sellion, 0, 0, 0\nsellion, 1, 1, 1", "named twice", "name, x, y, z"),
         ("a.txt", "sellion 0 0 0", "no landmark file", "JSON, TOML, CSV"),
         ("a.csv", "", "names no landmark", "name, x, y, z"),
+        (
+            "a.csv",
+            "sellion, 0, 0, 1\nmenton, 0, 0, 1",
+            "sellion and menton at the same place",
+            "its own place",
+        ),
     ],
 )
 def test_a_wrong_landmark_file_is_refused(head_file, tmp_path, name, text, message, step):

@@ -63,6 +63,17 @@ def test_every_kind_is_there_with_its_name(name):
         kind.settled({"nonsense": 1.0})
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_word_for_a_number_is_refused(name):
+    kind = kind_of(name)
+    for one in kind.parameters:
+        if one.name != "size" and not one.choices:
+            with pytest.raises(
+                InputError, match=f"{one.name} = abc was asked of the {name}, which is no number"
+            ):
+                kind.settled({one.name: "abc"})
+
+
 def test_the_check_tells_the_table(capsys, tmp_path: Path):
     picture = tmp_path / "worn.png"
     words = ["templates", "check", "ring", "--body", "child", "--body", "figure", "--picture", str(picture)]

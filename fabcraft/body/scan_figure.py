@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.spatial import cKDTree
 
 from fabcraft.body.contacts import skin_disc
 from fabcraft.body.region import Region
@@ -46,7 +47,7 @@ def figure_regions(mesh: Mesh, fit: PartFit) -> tuple[dict[str, Region], tuple[s
             continue
         own, emphasis = places[met], region.emphasis[met]
         members = skin_disc(mesh, own, _SPREAD * _apart(fit, region))
-        nearest = np.linalg.norm(mesh.vertices[members, None] - own, axis=2).argmin(1)
+        nearest = cKDTree(own).query(mesh.vertices[members])[1]
         found[name] = region.at(members, emphasis[nearest])
     return found, tuple(sorted(fit.part.regions.keys() - found.keys()))
 
@@ -70,6 +71,4 @@ def _met(
 def _apart(fit: PartFit, region: Region) -> float:
     """Usual distance of the points of a region from the next one, mm."""
     points = fit.points[region.vertex_indices]
-    between = np.linalg.norm(points[:, None] - points, axis=2)
-    np.fill_diagonal(between, np.inf)
-    return float(np.median(between.min(1)))
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))

@@ -11,6 +11,7 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,8 @@ def read_marks(path: Path | str, known: Sequence[str]) -> dict[str, Float64[np.n
     """Name to point as the file says them.
 
     known : the names that a scan can have.
-    Raises `InputError` for a file that is missing, too large or malformed, an unknown name or a point that is none.
+    Raises `InputError` for a file that is missing, too large or malformed, an unknown name, a point that
+    is none, and two landmarks at one place.
     """
     path = Path(path)
     table = _table(path)
@@ -53,6 +55,11 @@ def read_marks(path: Path | str, known: Sequence[str]) -> dict[str, Float64[np.n
         marks[name] = _point(path, name, value)
     if not marks:
         raise InputError(f"{path.name} names no landmark", _SHAPE)
+    for one, other in combinations(marks, 2):
+        if np.array_equal(marks[one], marks[other]):
+            raise InputError(
+                f"{path.name} puts {one} and {other} at the same place", "Give every landmark its own place."
+            )
     return marks
 
 

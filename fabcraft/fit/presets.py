@@ -27,8 +27,8 @@ class DeformWeights:
     jacobian: float = 0.017
     """Area mean of |J W − W|²: the map stays near doing nothing."""
     locked: float = 500.0
-    """The locked faces stay on the surface that they were built on, along which they may spread. Ten times more stops the
-    rest of the object (overlap .94 against .97 on a bangle); what is left is mended exactly after the loop."""
+    """The locked faces stay on the surface that they were built on, along which they may spread. A bangle
+    overlapped its guidance by .968 at 300 and .965 at 1000; what is left is mended exactly after the loop."""
     collapse: float = 10.0
     """No collapsed, folded or torn faces."""
     normal: float = 0.5

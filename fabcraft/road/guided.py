@@ -15,7 +15,7 @@ from fabcraft.geometry.along import face_distances
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by, seated
 from fabcraft.guidance.clean import cleaned
-from fabcraft.judge import worn_solid
+from fabcraft.judge import nearest_tenth, worn_solid
 from fabcraft.mesh import Mesh, concatenate
 from fabcraft.profile import PrinterProfile
 from fabcraft.recipe import Recipe
@@ -52,9 +52,8 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         row = _method(recipe, template)
         settings = row.settings
         locked = locked_of(template, distance) if row.locked else None
-        if (
-            locked is not None
-        ):  # the seat is held all along, and mended exactly: no need to turn the guidance down
+        if locked is not None:
+            # the seat is held all along, and mended exactly: no need to turn the guidance down
             settings = replace(settings, guidance_then=1.0)
         guidance: list["Guide"] = []
         route: tuple[str, ...]
@@ -203,7 +202,8 @@ def locked_of(template: Template, distance: SurfaceDistance) -> Bool[np.ndarray,
     looking = np.einsum("ij,ij->i", away, mesh.face_normals) < -_LOOKS
     wall = 1.5 * template.wall_mm
     inland = ~np.isfinite(face_distances(mesh, free, wall)) if free.any() else template.locked
-    return template.locked & (looking | inland)
+    locked = template.locked & (looking | inland)
+    return locked if locked.any() else None
 
 
 def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
@@ -220,11 +220,10 @@ def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
         return None
     chosen, weights, gaps = [], [], []
     for region in regions:
-        away = surface.closest(body.mesh.vertices[region.vertex_indices]).distances
-        nearest = np.argsort(away, kind="stable")[: max(3, len(away) // 10)]
+        nearest, away = nearest_tenth(surface, body.mesh.vertices[region.vertex_indices])
         chosen.append(region.vertex_indices[nearest])
         weights.append(region.weight * np.maximum(region.emphasis[nearest], 1e-3))
-        gaps.append(away[nearest])
+        gaps.append(away)
     rows = np.concatenate(chosen)
     return ContactSet(
         body.mesh.vertices[rows],

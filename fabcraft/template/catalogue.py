@@ -59,6 +59,11 @@ class Kind:
                     )
             elif isinstance(value, int | float):
                 self.within(name, value)
+            elif name != "size":  # of which the builder knows the names
+                raise InputError(
+                    f"{name} = {value} was asked of the {self.name}, which is no number",
+                    f"Choose {one.low:g} to {one.high:g} {one.unit}".rstrip() + f": {one.meaning}.",
+                )
         return dict(given)
 
     def within(self, name: str, value: float) -> float:
