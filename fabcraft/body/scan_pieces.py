@@ -18,7 +18,7 @@ from fabcraft.body.scan_clean import largest, orderly, pieces
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import edge_uses
-from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
+from fabcraft.geometry.voxels import BAND_CELLS, Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh, concatenate
 
 _LARGE = 0.1
@@ -152,7 +152,7 @@ def _level(mesh: Mesh, cell: float, offset: float) -> Mesh:
     distance = SurfaceDistance(mesh)
     grid = Grid.around(mesh.bounds, cell, abs(offset) + 2 * cell)
     marked = np.zeros(grid.shape, dtype=bool)
-    grid.near(samples(mesh.corners, cell)[0], abs(offset) + 1.8 * cell, marked)
+    grid.near(samples(mesh.corners, cell)[0], abs(offset) + BAND_CELLS * cell, marked)
     volume = narrow_band(grid, marked, lambda points: distance.signed(points) - offset)
     return _simple(isosurface(grid, volume, mesh.name), 0.08 * cell)
 

@@ -10,7 +10,8 @@ Sign: **positive outside, negative inside**, for faces that look outward. Overla
 as one inside; open surfaces get the side that w = 1/2 separates. Millimetres.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import igl
@@ -37,16 +38,13 @@ class Closest(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceDistance:
-    """Distances to `mesh`; the two search trees are built once, on construction.
+    """Distances to `mesh`; each of the two search trees is built once, when it is first asked.
 
     Points are asked in the order of a space-filling curve, so that the trees stay in the cache.
     Raises `InputError` for a mesh without faces.
     """
 
     mesh: Mesh
-    _tree: igl.AABB = field(init=False, repr=False)
-    _winding: igl.FastWindingNumberBVH = field(init=False, repr=False)
-    _arrays: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.mesh.faces) == 0:
@@ -54,14 +52,23 @@ class SurfaceDistance:
                 f"mesh {self.mesh.name or '(unnamed)'} has no faces, so nothing can be measured to it",
                 "Check that the file holds a surface and not only points.",
             )
+
+    @cached_property
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
         vertices = np.array(self.mesh.vertices, order="C")
-        faces = np.array(self.mesh.faces, dtype=np.int64, order="C")
-        tree, winding = igl.AABB(), igl.FastWindingNumberBVH()
-        tree.init(vertices, faces)
-        winding.init(vertices, faces)
-        object.__setattr__(self, "_tree", tree)
-        object.__setattr__(self, "_winding", winding)
-        object.__setattr__(self, "_arrays", (vertices, faces))
+        return vertices, np.array(self.mesh.faces, dtype=np.int64, order="C")
+
+    @cached_property
+    def _tree(self) -> igl.AABB:
+        tree = igl.AABB()
+        tree.init(*self._arrays)
+        return tree
+
+    @cached_property
+    def _winding(self) -> igl.FastWindingNumberBVH:
+        winding = igl.FastWindingNumberBVH()
+        winding.init(*self._arrays)
+        return winding
 
     def closest(self, points: Float[np.ndarray, "N 3"]) -> Closest:
         """The closest point of the surface to every point: distance (mm, unsigned), face and place."""

@@ -25,11 +25,14 @@ from fabcraft.mesh import Mesh
 MAX_CELLS = 400_000_000
 """Above this a grid would need more than 4 GiB."""
 
+BAND_CELLS = 1.0
+"""How far from where the surface should pass nodes are marked: the edges that it cuts are no longer, and where it passes
+elsewhere it is followed."""
+
 Field = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
 
 # A node value this small (in cells) is moved off zero: a surface through a node makes triangles without area.
 _OFF_ZERO = 1e-3
-_AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,9 @@ class Grid:
     ) -> None:
         """Set `marked` for every node within `reach_mm` of a point, and some up to one cell further."""
         nodes = np.rint((points - np.array(self.origin)) / self.cell_mm).astype(np.int64)
-        flat = np.unique(np.clip(nodes, 0, np.array(self.shape) - 1) @ self.strides)
+        hit = np.zeros(self.size, bool)
+        hit[np.clip(nodes, 0, np.array(self.shape) - 1) @ self.strides] = True
+        flat = np.flatnonzero(hit)
         # Rounding to a node moves a point by up to half a cell's diagonal.
         reach = reach_mm / self.cell_mm + 0.87
         span = np.arange(-int(reach), int(reach) + 1)
@@ -165,14 +170,14 @@ def _borders(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every pair of a known node and an unknown neighbour: region, sign of the known, the neighbour."""
     found = []
-    at = np.stack(np.unravel_index(band, grid.shape), 1)
-    for axis in _AXES:
-        moved = at + axis
-        fits = ((moved >= 0) & (moved < grid.shape)).all(1)
-        neighbour, known = moved[fits] @ grid.strides, band[fits]
-        unknown = ~marked[neighbour]
-        neighbour, known = neighbour[unknown], known[unknown]
-        found.append((regions[neighbour], volume[known] < 0, neighbour))
+    for stride, nodes in zip(grid.strides, grid.shape, strict=True):
+        place = band // stride % nodes
+        for step, last in ((1, nodes - 1), (-1, 0)):
+            known = band[place != last]
+            neighbour = known + step * stride
+            unknown = ~marked[neighbour]
+            neighbour, known = neighbour[unknown], known[unknown]
+            found.append((regions[neighbour], volume[known] < 0, neighbour))
     region, negative, neighbours = (np.concatenate(column) for column in zip(*found, strict=True))
     return region, negative, neighbours
 

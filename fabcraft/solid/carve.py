@@ -8,7 +8,7 @@ import manifold3d
 import numpy as np
 
 from fabcraft.geometry.edges import split_edges
-from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
+from fabcraft.geometry.voxels import BAND_CELLS, Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh
 from fabcraft.solid.manifolds import to_manifold, to_mesh
 from fabcraft.solid.sheet import KeepOut
@@ -40,7 +40,7 @@ def keep_out_mesh(bounds: np.ndarray, keep: KeepOut, cell_mm: float) -> Mesh | N
     grid = Grid.around(np.stack([lower, upper]), cell_mm, 2 * cell_mm)
     marked = np.zeros(grid.shape, bool)
     body = keep.body.mesh
-    reach = 1.8 * cell_mm
+    reach = BAND_CELLS * cell_mm
     corners = body.corners
     around = ((corners.max(1) > lower - 20) & (corners.min(1) < upper + 20)).all(1)
     if around.any():

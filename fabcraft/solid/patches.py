@@ -23,6 +23,8 @@ MOST_PIECES = 64
 """Above this many sheets they are thickened together, on one grid."""
 
 _CLEAR, _SHARE = 0.25, 0.6
+_ASKED = 10_000
+"""So many faces of a part, at most twice, say of it whether it bounds a solid."""
 _NO_VOLUME = 1e-6  # mm, over the area
 
 
@@ -132,15 +134,17 @@ def _open_solids(
     """The faces of open components that nevertheless bound a solid."""
     part = mesh.submesh(is_open)
     thin = max(3 * wall_mm, 0.03 * float(np.linalg.norm(mesh.size_mm)))
-    centres, normals, areas = part.corners.mean(1), part.face_normals, part.face_areas
+    local = labels[is_open]
+    asked = _some_of_each(local)
+    centres, normals = part.corners[asked].mean(1), part.face_normals[asked]
+    of, areas = local[asked], part.face_areas[asked]
     step = 0.02 * wall_mm
     distance = SurfaceDistance(part)
     clear = np.abs(distance.winding(centres + step * normals)) < _CLEAR
     clear &= np.abs(distance.winding(centres - step * normals) - 1) < _CLEAR
     near = clear & (inward_thickness(part, centres, normals) <= thin)
-    local = labels[is_open]
-    whole = np.maximum(np.bincount(local, areas), 1e-12)
-    accepted = np.bincount(local, near * areas) / whole > _SHARE
+    whole = np.maximum(np.bincount(of, areas), 1e-12)
+    accepted = np.bincount(of, near * areas) / whole > _SHARE
     if accepted.any():
         # A narrow side between two near walls is far from its own opposite, but fits in between them.
         bounding = SurfaceDistance(part.submesh(accepted[local]))
@@ -148,11 +152,19 @@ def _open_solids(
             side = part.submesh(local == label)
             gaps = bounding.closest(side.vertices[_rim(side)]).distances
             fits = (gaps < 0.25 * wall_mm).mean() > _SHARE
-            clear_area = float((clear * areas)[local == label].sum())
+            clear_area = float((clear * areas)[of == label].sum())
             accepted[label] = fits and clear_area > _SHARE * whole[label]
     solid = np.zeros(len(mesh.faces), bool)
     solid[is_open] = accepted[local]
     return solid
+
+
+def _some_of_each(labels: np.ndarray) -> np.ndarray:
+    """Faces to be asked for all: every one of a small part, evenly every few of a large one."""
+    order = np.argsort(labels, kind="stable")
+    first = np.searchsorted(labels[order], labels[order])
+    every = np.maximum(np.bincount(labels) // _ASKED, 1)[labels[order]]
+    return np.sort(order[(np.arange(len(order)) - first) % every == 0])
 
 
 def _rim(mesh: Mesh) -> np.ndarray:

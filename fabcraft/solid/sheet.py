@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float64, Int32, Int64
 from fabcraft.errors import InputError
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import split_edges
-from fabcraft.geometry.voxels import Grid, samples
+from fabcraft.geometry.voxels import BAND_CELLS, Grid, samples
 from fabcraft.mesh import Mesh
 
 PerPoint = Callable[[Float64[np.ndarray, "N 3"]], Float64[np.ndarray, " N"]]
@@ -227,7 +227,7 @@ def wall_band(
     most = max((float(extra.max(initial=0)) for _, extra in heights), default=0.0)
     grid = Grid.around(sheet.mesh.bounds, cell_mm, half_mm + most + 2 * cell_mm)
     marked = np.zeros(grid.shape, bool)
-    band = 1.8 * cell_mm
+    band = BAND_CELLS * cell_mm
     grid.near(points, half_mm + band, marked)
     for sign, extra in heights:
         for step in np.arange(0.0, most + cell_mm, cell_mm):

@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 
 import manifold3d
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fabcraft.errors import InputError, SolidError
 from fabcraft.geometry.crossing import self_intersecting_faces
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import split_edges
-from fabcraft.geometry.voxels import Grid, isosurface, narrow_band, samples
+from fabcraft.geometry.voxels import BAND_CELLS, Grid, isosurface, narrow_band, samples
 from fabcraft.mesh import Mesh
 from fabcraft.solid.carve import carve, clearance_min_mm
 from fabcraft.solid.manifolds import part_count, to_manifold, to_mesh, try_manifold, union, without_specks
@@ -28,13 +29,14 @@ from fabcraft.solid.patches import Kind, Piece, inward_thickness, pieces, touchi
 from fabcraft.solid.repair import clean, repair
 from fabcraft.solid.sheet import KeepOut, PerPoint, SheetSide, WallField, make_sheet, wall_band
 from fabcraft.solid.simplify import simplify_manifold
-from fabcraft.solid.thin import thin_medial
+from fabcraft.solid.thin import ThinSpots, thin_spots
 
 _MOST_NODES = 120e6
 _FINEST_MM = 0.05
+_PATIENCE, _COARSER = 200_000, 1 / 2.4
+"""Above so many cells over a surface they grow, to that share of the wall: a flat wall comes out as exact, a rim rounder."""
 _CHORD_MM = 0.03
 _REFINED_MM = 4.0
-_ALL_THIN = 1.0 - 1e-9
 _ROD = 0.75
 """Twice the volume over area times thickness, below which a solid is a rod: 0.5 for one, 1 for a sheet."""
 
@@ -48,7 +50,8 @@ class SolidSettings:
     clearance_mm: float = 0.5
     """Distance kept from the body, when there is one."""
     cell_mm: float | None = None
-    """Side of a grid cell; a third of the wall unless given, more where the grid would not fit in memory."""
+    """Side of a grid cell; a third of the wall unless given, more for large surfaces and where the grid would not fit in
+    memory."""
     simplify_mm: float = 0.02
     """How far the surface may move when triangles are merged; 0 keeps every triangle."""
     minimum_part_mm3: float | None = None
@@ -72,12 +75,13 @@ class SolidSettings:
             return self.minimum_part_mm3
         return 4 / 3 * np.pi * (0.45 * self.wall_mm) ** 3
 
-    def cell_for(self, bounds: np.ndarray) -> float:
-        """The cell for an object of these bounds, mm.  Raises `SolidError` when none shows the wall."""
+    def cell_for(self, bounds: np.ndarray, area_mm2: float = 0.0) -> float:
+        """The cell for an object of these bounds and surface, mm.  Raises `SolidError` when none shows the wall."""
         if self.cell_mm is not None:
             return self.cell_mm
         room = np.prod(bounds[1] - bounds[0] + 4 * self.wall_mm)
-        cell = max(self.wall_mm / 3, float((room / _MOST_NODES) ** (1 / 3)), _FINEST_MM)
+        patient = min(float(np.sqrt(area_mm2 / _PATIENCE)), self.wall_mm * _COARSER)
+        cell = max(self.wall_mm / 3, patient, float((room / _MOST_NODES) ** (1 / 3)), _FINEST_MM)
         if cell > 0.5 * self.wall_mm:
             size = " x ".join(f"{side:.0f}" for side in bounds[1] - bounds[0])
             raise SolidError(
@@ -114,7 +118,7 @@ def solidify(
     """
     cleaned = clean(surface) if side else repair(surface)
     keep = _keep_out(settings, body, clearance_mm)
-    work = _Work(settings, settings.cell_for(cleaned.mesh.bounds), keep, side or SheetSide())
+    work = _Work(settings, settings.cell_for(cleaned.mesh.bounds, cleaned.mesh.area_mm2), keep, side or SheetSide())
     parts = pieces(cleaned.mesh, settings.wall_mm)
     made = [work.sheet(piece.mesh) if piece.kind is Kind.SHEET else work.solid(piece) for piece in parts]
     kept = [solid for solid in made if solid is not None]
@@ -200,42 +204,48 @@ class _Work:
             self.notes.append("material nearer to the body than the clearance was carved away")
             if solid.is_empty():
                 return None
-        medial = self._thin(to_mesh(solid)) if sound or carved else None
-        if medial is None:
+        thin = self._thin(to_mesh(solid)) if sound or carved else None
+        if thin is None:
             return solid
-        thick = self._wall(medial, SheetSide(), rod=_is_rod(to_mesh(solid)))
+        thick = self._wall(thin.medial, SheetSide(), rod=_is_rod(to_mesh(solid)))
         if thick is None:
             return solid
         # Short edges first, or the union fans long slivers from the seam to the far corners of flat sides.
         return union([solid.refine_to_length(_REFINED_MM), thick])
 
-    def _thin(self, mesh: Mesh) -> Mesh | None:
-        """The medial triangles of what is thinner than the wall, and a note of it."""
-        medial, area = thin_medial(mesh, self.settings.wall_mm)
-        if medial is not None:
-            self.numbers["thin_area_mm2"] += area
-            self.notes.append(f"{area:.0f} mm² thinner than {self.settings.wall_mm:g} mm thickened")
-        return medial
+    def _thin(self, mesh: Mesh) -> ThinSpots | None:
+        """What is thinner than the wall, and a note of it."""
+        thin = thin_spots(mesh, self.settings.wall_mm)
+        if thin is not None:
+            self.numbers["thin_area_mm2"] += thin.area_mm2
+            self.notes.append(f"{thin.area_mm2:.0f} mm² thinner than {self.settings.wall_mm:g} mm thickened")
+        return thin
 
     def _rebuilt(self, surface: Mesh) -> manifold3d.Manifold:
         """The inside by winding number, and the wall of its thin spots, in one field.
 
-        One field, because a wall thinner than a cell, made first, would come out of the grid in rags.
+        One field, because a wall thinner than a cell, made first, would come out of the grid in rags.  Where all around
+        is thin the wall holds all of the inside, and nobody has to ask for it.
         """
         self.notes.append("a part with gaps or faces through each other was rebuilt on the grid")
         half = 0.5 * self.settings.wall_mm
-        before = self.numbers["thin_area_mm2"]
-        medial = self._thin(surface)
-        sheet = None if medial is None else make_sheet(medial, half, self.keep)
-        thin = None if sheet is None else WallField(sheet, half, SheetSide(), self.keep)
-
-        # Where every face is thin the wall holds all of the inside, and nobody has to ask for it.
-        all_thin = thin is not None and self.numbers["thin_area_mm2"] - before > _ALL_THIN * surface.area_mm2
-        inside = None if all_thin else SurfaceDistance(surface)
+        thin = self._thin(surface)
+        sheet = None if thin is None else make_sheet(thin.medial, half, self.keep)
+        wall = None if sheet is None else WallField(sheet, half, SheetSide(), self.keep)
+        inside = SurfaceDistance(surface)
+        firm = None
+        if thin is not None and thin.firm is not None:
+            firm = cKDTree(samples(thin.firm.corners, self.cell_mm)[0], balanced_tree=False)
+        reach = self.settings.wall_mm + 3.0 * self.cell_mm
 
         def field(points: np.ndarray) -> np.ndarray:
-            wall = np.full(len(points), np.inf) if thin is None else thin(points)
-            return wall if inside is None else np.minimum(inside.signed(points), wall)
+            if wall is None:
+                return inside.signed(points)
+            value = wall(points)
+            if firm is not None:
+                asked = np.isfinite(firm.query(points, distance_upper_bound=reach, workers=2)[0])
+                value[asked] = np.minimum(value[asked], inside.signed(points[asked]))
+            return value
 
         bounds = (
             surface.bounds
@@ -251,10 +261,10 @@ class _Work:
         marked = np.zeros(grid.shape, bool)
         # Long slivers first cut short: samples are even along the longest edge of a face.
         points = samples(split_edges(surface, 5.0).corners, self.cell_mm)[0]
-        grid.near(points, 1.8 * self.cell_mm, marked)
+        grid.near(points, BAND_CELLS * self.cell_mm, marked)
         if sheet is not None:
             points = samples(sheet.mesh.corners, self.cell_mm)[0]
-            grid.near(points, half + 1.8 * self.cell_mm, marked)
+            grid.near(points, half + BAND_CELLS * self.cell_mm, marked)
         return to_manifold(isosurface(grid, narrow_band(grid, marked, field), surface.name))
 
     def _wall(self, surface: Mesh, side: SheetSide, rod: bool = False) -> manifold3d.Manifold | None:

@@ -6,6 +6,8 @@ corner of a cube, so right angles never count as thin, and wedges sharper than a
 faces whose inward ray meets a wall before 1.05 t are tested.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import cKDTree
@@ -23,15 +25,27 @@ _MOST_FACES = 400_000
 _LEAST_AREA = 0.5
 
 
-def thin_medial(solid: Mesh, wall_mm: float) -> tuple[Mesh | None, float]:
-    """The thin faces of a closed mesh moved to mid-wall, and their area (mm²); None: none thin."""
+@dataclass(frozen=True, eq=False)
+class ThinSpots:
+    """What of a solid is thinner than the wall."""
+
+    medial: Mesh
+    """The thin faces moved to mid-wall."""
+    area_mm2: float
+    """Of the thin faces."""
+    firm: Mesh | None
+    """The other faces; None where all are thin."""
+
+
+def thin_spots(solid: Mesh, wall_mm: float) -> ThinSpots | None:
+    """Where a closed mesh is thinner than the wall; None: nowhere."""
     spacing = max(0.4 * wall_mm, float(np.sqrt(2 * solid.area_mm2 / _MOST_FACES)))
     fine = split_edges(solid, 2 * spacing)
     centres, normals = fine.corners.mean(1), fine.face_normals
     thickness = inward_thickness(fine, centres, normals)
     candidates = np.flatnonzero((thickness < 1.05 * wall_mm) & (fine.face_areas > 0))
     if len(candidates) == 0:
-        return None, 0.0
+        return None
     thin = candidates[_fails_opening(fine, centres, normals, thickness, candidates, wall_mm)]
     if len(thin):
         # A corner a little sharper than a cube's has a speck out of the ball's reach; it needs no knob.
@@ -39,10 +53,13 @@ def thin_medial(solid: Mesh, wall_mm: float) -> tuple[Mesh | None, float]:
         areas = np.bincount(region, fine.face_areas[thin])
         thin = thin[areas[region] >= _LEAST_AREA * wall_mm**2]
     if len(thin) == 0:
-        return None, 0.0
+        return None
     corners = fine.corners[thin] - 0.5 * (thickness[thin] * normals[thin].T).T[:, None, :]
     faces = np.arange(3 * len(thin), dtype=np.int32).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3), faces), float(fine.face_areas[thin].sum())
+    rest = np.ones(len(fine.faces), dtype=bool)
+    rest[thin] = False
+    firm = fine.submesh(rest) if fine.face_areas[rest].sum() > 0 else None
+    return ThinSpots(Mesh(corners.reshape(-1, 3), faces), float(fine.face_areas[thin].sum()), firm)
 
 
 def _fails_opening(

@@ -1,9 +1,11 @@
-"""`python tests/benchmarks/solid_table.py [PROFILE ...] [--only WORD] [--peers]`: nasty meshes made solid, measured.
+"""`python tests/benchmarks/solid_table.py [PROFILE ...] [--only WORD] [--peers] [--slice]`: nasty meshes made solid, measured.
 
 Every mesh of `tests/nasty.py` goes through `solidify` with the wall of each profile, in a process of its own, and the
 result is measured: manifold, faces through others, share of the surface at the wall, parts and genus, what has to stay
 open or full, clearance to the body, deviation where it was thick, CPU seconds and memory. A refusal is a row with its
 reason. `--peers` runs alpha wrap (pymeshlab), igl's offset surface and, where installed, pymeshfix on the same meshes.
+`--slice` lets PrusaSlicer slice every result, solid and without supports: whether it does, without an empty layer (`!`),
+and what it lays over the volume of the mesh, less what it pushes.
 """
 
 import argparse
@@ -13,6 +15,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -24,6 +27,7 @@ import numpy as np
 import pymeshlab
 from nasty import Nasty, all_nasty
 
+from fabcraft.check.slicer import ask_slicer
 from fabcraft.check.thickness import measure_thickness
 from fabcraft.check.topology import inspect_topology
 from fabcraft.errors import FabcraftError
@@ -80,8 +84,10 @@ def mesh_fix(case: Nasty, wall_mm: float) -> Mesh:
 PEERS: dict[str, Maker] = {"alpha wrap": alpha_wrap, "igl offset": igl_offset, "pymeshfix": mesh_fix}
 
 
-def row(name: str, build: Callable[[], Nasty], wall_mm: float, make: Maker) -> str:
-    """One line; `!` behind a figure that misses its aim."""
+def row(
+    name: str, build: Callable[[], Nasty], wall_mm: float, make: Maker, slicing: PrinterProfile | None = None
+) -> str:
+    """One line; `!` behind a figure that misses its aim.  slicing : for which printer the result is sliced too."""
     case = build()
     floor = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     start = time.process_time()
@@ -114,8 +120,21 @@ def row(name: str, build: Callable[[], Nasty], wall_mm: float, make: Maker) -> s
         f"{flag('yes' if kept else 'NO', kept):>5}"
         f"{flag(f'{middle:.3f}', middle <= 0.05):>7}{flag(f'{most:.3f}', most <= 0.1):>7}"
         f"{flag(f'{clear:.3f}', case.body is None or clear >= CLEARANCE_MM - 0.02):>7}"
-        f"{seconds:7.1f}{memory:6.0f}"
+        f"{seconds:7.1f}{memory:6.0f}" + ("" if slicing is None else f"  {sliced(mesh, slicing)}")
     )
+
+
+def sliced(mesh: Mesh, profile: PrinterProfile) -> str:
+    """What PrusaSlicer makes of it at full infill: laid over volume, or why not."""
+    roomy = replace(profile, build_mm=tuple(np.maximum(profile.build_mm, mesh.size_mm + 20.0)))
+    answer = ask_slicer(mesh, roomy, supports=False, infill_percent=100)
+    if not answer.sliced:
+        return f"not sliced! {answer.error[:60]}"
+    if answer.empty_layers_mm:
+        return f"{len(answer.empty_layers_mm)} empty layers!"
+    laid = answer.laid_mm3 if answer.laid_mm3 is not None else answer.material_mm3
+    off = 100.0 * ((laid or 0.0) / mesh.volume_mm3 - 1.0)
+    return f"{off:+.1f} %{'' if abs(off) <= 5.0 else '!'}"
 
 
 def deviation(truth: Mesh, made: Mesh, wall_mm: float) -> tuple[float, float]:
@@ -150,12 +169,13 @@ def apart(seconds: float, name: str, *arguments) -> str:
     return text
 
 
-def table(profile: PrinterProfile, only: list[str], peers: bool, seconds: float) -> None:
+def table(profile: PrinterProfile, only: list[str], peers: bool, slicing: bool, seconds: float) -> None:
     """The table of one profile, row by row as they come."""
-    print(f"\n{profile.name}: wall {profile.wall_mm:g} mm\n{HEAD}", flush=True)
+    slicer = profile if slicing and profile.process in ("fdm", "sla") else None
+    print(f"\n{profile.name}: wall {profile.wall_mm:g} mm\n{HEAD}{'  slicer' if slicer else ''}", flush=True)
     for name, build in all_nasty().items():
         if not only or any(word in name for word in only):
-            print(apart(seconds, name, build, profile.wall_mm, ours), flush=True)
+            print(apart(seconds, name, build, profile.wall_mm, ours, slicer), flush=True)
             for peer, make in PEERS.items() if peers else ():
                 print(apart(seconds, f"  {peer}", build, profile.wall_mm, make), flush=True)
 
@@ -165,7 +185,8 @@ if __name__ == "__main__":
     parser.add_argument("profiles", nargs="*", default=PROFILES)
     parser.add_argument("--only", nargs="*", default=[], help="names that hold one of these words")
     parser.add_argument("--peers", action="store_true")
+    parser.add_argument("--slice", action="store_true")
     parser.add_argument("--seconds", type=float, default=120.0, help="most time for one mesh")
     given = parser.parse_args()
     for wanted in given.profiles:
-        table(load_profile(wanted), given.only, given.peers, given.seconds)
+        table(load_profile(wanted), given.only, given.peers, given.slice, given.seconds)
