@@ -179,6 +179,7 @@ def _printability(
         printability_findings,
         size_findings,
     )
+    from fabcraft.geometry.support import support_of
 
     state = inspect_printability(mesh, profile, solid)
     found = printability_findings(state, profile)
@@ -191,7 +192,7 @@ def _printability(
         bed = float(mesh.bounds[0, 2])
         ledger.findings += bridge_findings(measure_bridges(mesh, bed + profile.layer_mm), profile)
     if solid and profile.process in ("fdm", "sla"):
-        ledger.metrics["support_estimate_mm3"] = state.support_mm3
+        ledger.metrics["support_estimate_mm3"] = support_of(mesh, profile).volume_mm3
     ledger.metrics |= {
         "size_mm": state.size_mm,
         "overhang_share": state.overhang_share,

@@ -16,8 +16,6 @@ from fabcraft.profile import PrinterProfile
 
 _SMALL_FOOT = 0.02  # of the box's footprint: less holds the part badly
 _FIT_MM = 1e-6
-_COLUMN_SHARE = 0.17
-"""Of a column under an overhang, what PrusaSlicer extrudes: measured on large supports, more on small ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +34,6 @@ class Printability:
     overhang_share: float
     """Share of the surface that overhangs beyond the limit and does not rest on the bed."""
     overhang_mm2: float
-    support_mm3: float
-    """What a slicer would extrude to support it, about: columns under the overhangs down to the bed, as sparse as they
-    are laid.  Where columns end on the object itself it is less."""
     bed_contact_mm2: float
     footprint_mm2: float
     """The box's area on the bed."""
@@ -64,8 +59,6 @@ def inspect_printability(mesh: Mesh, profile: PrinterProfile, solid: bool = True
         fits_lying=bool((np.sort(size) <= np.sort(profile.build_mm) + _FIT_MM).all()),
         overhang_share=float(areas[hanging].sum() / max(areas.sum(), 1e-12)),
         overhang_mm2=float(areas[hanging].sum()),
-        support_mm3=_COLUMN_SHARE
-        * float((areas * -normals[:, 2] * (mesh.corners.mean(1)[:, 2] - bed))[hanging].sum()),
         bed_contact_mm2=float(areas[resting & (normals[:, 2] < -0.5)].sum()),
         footprint_mm2=float(size[0] * size[1]),
         island_places=_islands(mesh, bed + profile.layer_mm),

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import ConvexHull
 
+from fabcraft.geometry.support import Support, support_at, support_of
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile
-from fabcraft.solid.support import Support, support_at, support_of
 
 POSES = (
     ("as it is worn", 0.0),

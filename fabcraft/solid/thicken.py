@@ -118,7 +118,9 @@ def solidify(
     """
     cleaned = clean(surface) if side else repair(surface)
     keep = _keep_out(settings, body, clearance_mm)
-    work = _Work(settings, settings.cell_for(cleaned.mesh.bounds, cleaned.mesh.area_mm2), keep, side or SheetSide())
+    work = _Work(
+        settings, settings.cell_for(cleaned.mesh.bounds, cleaned.mesh.area_mm2), keep, side or SheetSide()
+    )
     parts = pieces(cleaned.mesh, settings.wall_mm)
     made = [work.sheet(piece.mesh) if piece.kind is Kind.SHEET else work.solid(piece) for piece in parts]
     kept = [solid for solid in made if solid is not None]

@@ -20,10 +20,10 @@ from scipy.stats import spearmanr
 
 from fabcraft.check.slicer import ask_slicer
 from fabcraft.fitting_room import try_on
+from fabcraft.geometry.support import support_of
 from fabcraft.mesh import Mesh
 from fabcraft.profile import load_profile
 from fabcraft.solid.orient import oriented
-from fabcraft.solid.support import support_of
 from fabcraft.template.kinds import NAMES
 from fabcraft.wearer import find_body
 

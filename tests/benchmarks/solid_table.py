@@ -1,4 +1,4 @@
-"""`python tests/benchmarks/solid_table.py [PROFILE ...] [--only WORD] [--peers] [--slice]`: nasty meshes made solid, measured.
+"""`python tests/benchmarks/solid_table.py [PROFILE ...] [--only WORD] [--peers] [--slice]`: nasty meshes made solid.
 
 Every mesh of `tests/nasty.py` goes through `solidify` with the wall of each profile, in a process of its own, and the
 result is measured: manifold, faces through others, share of the surface at the wall, parts and genus, what has to stay

@@ -1,7 +1,7 @@
 """How much support an object needs as it lies: columns under its overhangs, in what a slicer extrudes for them.
 
 A slicer lays columns as the lines of a grid inside a sheath, and their ends as dense layers; the numbers are PrusaSlicer's
-defaults for a 0.4 mm nozzle.  Held against its own support volume in tests/test_solid_support.py.
+defaults for a 0.4 mm nozzle.  Held against its own support volume in tests/test_geometry_support.py.
 """
 
 from dataclasses import dataclass

@@ -13,10 +13,10 @@ from scipy.stats import spearmanr
 
 from fabcraft.check.slicer import PROGRAM, slicer_ini
 from fabcraft.geometry.columns import support_columns
+from fabcraft.geometry.support import support_of
 from fabcraft.mesh import Mesh
 from fabcraft.profile import PrinterProfile, load_profile
 from fabcraft.solid.orient import oriented
-from fabcraft.solid.support import support_of
 from fabcraft.write.files import write_mesh
 
 MK4 = load_profile("prusa-mk4")
