@@ -212,6 +212,8 @@ class _Work:
         thick = self._wall(thin.medial, SheetSide(), rod=_is_rod(to_mesh(solid)))
         if thick is None:
             return solid
+        if thin.firm is None:
+            return thick
         # Short edges first, or the union fans long slivers from the seam to the far corners of flat sides.
         return union([solid.refine_to_length(_REFINED_MM), thick])
 
