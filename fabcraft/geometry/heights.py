@@ -4,6 +4,7 @@ Ray hits, the height of an offset surface, and the smoothest sheet over an obsta
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -70,51 +71,61 @@ def smoothest_over(
     """
     known = np.isfinite(wanted)
     pull, aim = np.where(known, weight, 0.0), np.where(known, wanted, 0.0)
-    return _refined(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm)[0]
+    return _refined(_Sought(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm))[0]
 
 
-def _refined(
-    obstacle: Float64[np.ndarray, "H W"],
-    aim: Float64[np.ndarray, "H W"],
-    pull: Float64[np.ndarray, "H W"],
-    pixel_mm: float,
-    stiffness_mm: float,
-    decay_mm: float,
-) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
+@dataclass(frozen=True, eq=False)
+class _Sought:
+    """The smoothest sheet that is sought, on one grid; names as in `smoothest_over`."""
+
+    obstacle: Float64[np.ndarray, "H W"]
+    aim: Float64[np.ndarray, "H W"]
+    pull: Float64[np.ndarray, "H W"]
+    pixel_mm: float
+    stiffness_mm: float
+    decay_mm: float
+
+    def coarser(self) -> "_Sought":
+        """The same on a grid of half the resolution."""
+        aims = _halved(self.pull * self.aim, np.sum) / np.maximum(_halved(self.pull, np.sum), 1e-12)
+        return replace(
+            self,
+            obstacle=_halved(self.obstacle, np.max),
+            aim=aims,
+            pull=_halved(self.pull, np.mean),
+            pixel_mm=2.0 * self.pixel_mm,
+        )
+
+
+def _refined(sought: _Sought) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
     """The sheet and where it rests, from coarse grids to the given one: each tells the next where to begin."""
-    touched = np.zeros(obstacle.shape, dtype=bool)
-    if obstacle.size > _COARSEST:
-        aims = _halved(pull * aim, np.sum) / np.maximum(_halved(pull, np.sum), 1e-12)
-        coarse = _halved(obstacle, np.max), aims, _halved(pull, np.mean)
-        _, half = _refined(*coarse, 2.0 * pixel_mm, stiffness_mm, decay_mm)
-        rows, columns = obstacle.shape
-        touched = np.repeat(np.repeat(half, 2, axis=0), 2, axis=1)[:rows, :columns] & np.isfinite(obstacle)
-    return _resting(obstacle, aim, pull, pixel_mm, stiffness_mm, decay_mm, touched)
+    rows, columns = sought.obstacle.shape
+    touched = np.zeros((rows, columns), dtype=bool)
+    if sought.obstacle.size > _COARSEST:
+        _, half = _refined(sought.coarser())
+        touched = np.repeat(np.repeat(half, 2, axis=0), 2, axis=1)[:rows, :columns]
+        touched &= np.isfinite(sought.obstacle)
+    return _resting(sought, touched)
 
 
 def _resting(
-    obstacle: Float64[np.ndarray, "H W"],
-    aim: Float64[np.ndarray, "H W"],
-    pull: Float64[np.ndarray, "H W"],
-    pixel_mm: float,
-    stiffness_mm: float,
-    decay_mm: float,
-    touched: Bool[np.ndarray, "H W"],
+    sought: _Sought, touched: Bool[np.ndarray, "H W"]
 ) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
     """The sheet of `smoothest_over`, and where it rests on the obstacle, by an active set that starts as `touched`.
 
     The springs of one round differ little from those of the first, whose factorisation preconditions all the others.
     """
+    obstacle, pull, stiff = sought.obstacle, sought.pull, sought.stiffness_mm**4
     rows, columns = obstacle.shape
-    laplace = _grid_laplacian(rows, columns) / pixel_mm**2
-    bending = stiffness_mm**4 * (laplace.T @ laplace) + (stiffness_mm**4 / decay_mm**2) * laplace
+    laplace = _grid_laplacian(rows, columns) / sought.pixel_mm**2
+    bending = stiff * (laplace.T @ laplace) + (stiff / sought.decay_mm**2) * laplace
     below = np.isfinite(obstacle).ravel()
     floor = np.where(below, obstacle.ravel(), 0.0)
     active, height, factor = touched.ravel(), np.zeros(obstacle.size), None
     for _ in range(_ROUNDS):
         spring = _STIFF * active
         matrix = bending + sparse.diags(pull.ravel() + spring)
-        right = (pull * aim).ravel() + spring * floor
+        right = (pull * sought.aim).ravel() + spring * floor
         if factor is not None:
             height, missed = cg(matrix, right, x0=height, rtol=_SETTLING, maxiter=_ITERATIONS, M=inverse)
         if factor is None or missed:  # too far from the round that was factorised
