@@ -141,10 +141,12 @@ class WallField:
 
     def __call__(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, " N"]:
         distances, faces, places = self._distance.closest(points)
-        corners = self.sheet.mesh.faces[faces]
-        weights = _barycentric(self.sheet.mesh.corners[faces], places)
         value, added = distances - self.half_mm, np.zeros(len(points))
-        if self.side.outer_mm or self.side.inner_mm:
+        heights = self.side.outer_mm or self.side.inner_mm
+        if heights or self.keep is not None:
+            corners = self.sheet.mesh.faces[faces]
+            weights = _barycentric(self.sheet.mesh.corners[faces], places)
+        if heights:
             outer, added = self._extra(points - places, distances, corners, weights)
             value -= outer + added
         if self.side.hole_mm:
@@ -217,13 +219,10 @@ def wall_band(
 ) -> tuple[Grid, Bool[np.ndarray, "X Y Z"]]:
     """The grid around the wall, and the nodes near its surface; `InputError` for heights out of range."""
     points, owners = samples(sheet.mesh.corners, cell_mm)
-    rest = _carried(sheet, points, owners)
+    sides = [(sign, height) for sign, height in ((1, side.outer_mm), (-1, side.inner_mm)) if height]
+    rest = _carried(sheet, points, owners) if sides else points
     normals = sheet.mesh.face_normals[owners]
-    heights = [
-        (sign, _heights(height, rest))
-        for sign, height in ((1, side.outer_mm), (-1, side.inner_mm))
-        if height is not None
-    ]
+    heights = [(sign, _heights(height, rest)) for sign, height in sides]
     most = max((float(extra.max(initial=0)) for _, extra in heights), default=0.0)
     grid = Grid.around(sheet.mesh.bounds, cell_mm, half_mm + most + 2 * cell_mm)
     marked = np.zeros(grid.shape, bool)
