@@ -34,8 +34,10 @@ def keep_out_mesh(bounds: np.ndarray, keep: KeepOut, cell_mm: float) -> Mesh | N
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
 
     def field(points: np.ndarray) -> np.ndarray:
-        box = (np.abs(points - middle) - half).max(1)
-        return np.maximum(keep.excess(points) - _MARGIN_MM, box)
+        value: np.ndarray = (np.abs(points - middle) - half).max(1)
+        inner = value <= 0.0  # outside of the box nobody asks how near the body is
+        value[inner] = np.maximum(keep.excess(points[inner]) - _MARGIN_MM, value[inner])
+        return value
 
     grid = Grid.around(np.stack([lower, upper]), cell_mm, 2 * cell_mm)
     marked = np.zeros(grid.shape, bool)
@@ -49,8 +51,8 @@ def keep_out_mesh(bounds: np.ndarray, keep: KeepOut, cell_mm: float) -> Mesh | N
         inside = ((points > lower - reach) & (points < upper + reach)).all(1)
         grid.near(points[inside], reach, marked)
     # The cut faces of the box are part of the surface wherever they lie in the body.
-    for axis in range(3):
-        for side in (slice(0, 6), slice(-6, None)):
-            marked[(slice(None),) * axis + (side,)] = True
+    for axis, plane in [(axis, float(side[axis])) for axis in range(3) for side in (lower, upper)]:
+        nodes = grid.origin[axis] + cell_mm * np.arange(grid.shape[axis])
+        marked[(slice(None),) * axis + (np.abs(nodes - plane) <= reach,)] = True
     volume = narrow_band(grid, marked, field)
     return isosurface(grid, volume) if (volume < 0).any() else None

@@ -79,9 +79,9 @@ class SolidSettings:
         """The cell for an object of these bounds and surface, mm.  Raises `SolidError` when none shows the wall."""
         if self.cell_mm is not None:
             return self.cell_mm
-        room = np.prod(bounds[1] - bounds[0] + 4 * self.wall_mm)
+        finest = self._finest_for(bounds)
         patient = min(float(np.sqrt(area_mm2 / _PATIENCE)), self.wall_mm * _COARSER)
-        cell = max(self.wall_mm / 3, patient, float((room / _MOST_NODES) ** (1 / 3)), _FINEST_MM)
+        cell = max(self.wall_mm / 3, patient, finest)
         if cell > 0.5 * self.wall_mm:
             size = " x ".join(f"{side:.0f}" for side in bounds[1] - bounds[0])
             raise SolidError(
@@ -89,6 +89,14 @@ class SolidSettings:
                 f"Use a wall of {2 * cell:.1f} mm or more, or check the unit of the input.",
             )
         return cell
+
+    def finer(self, cell_mm: float, bounds: np.ndarray) -> float:
+        """Half the cell, as far as the grid then fits in memory."""
+        return min(cell_mm, max(0.5 * cell_mm, self._finest_for(bounds)))
+
+    def _finest_for(self, bounds: np.ndarray) -> float:
+        room = np.prod(bounds[1] - bounds[0] + 4 * self.wall_mm)
+        return max(float((room / _MOST_NODES) ** (1 / 3)), _FINEST_MM)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +283,7 @@ class _Work:
         """The wall around a surface.  rod : round a line it bends so much that chords and simplifying would make it thin."""
         half, cell = 0.5 * self.settings.wall_mm, self.cell_mm
         if rod:
-            cell = 0.5 * cell
+            cell = self.settings.finer(cell, surface.bounds)
             half += self.settings.simplify_mm + cell**2 / (8.0 * half)
         sheet = make_sheet(surface, half, self.keep)
         self.numbers["pushed_mm"] = max(self.numbers["pushed_mm"], sheet.pushed_mm)
