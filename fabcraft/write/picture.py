@@ -215,5 +215,6 @@ def _key_shadow(scene: _Scene, camera: Camera, samples: _Samples) -> Float32[np.
 def _finished(light: Float[np.ndarray, "H W 3"], supersample: int) -> UInt8[np.ndarray, "H2 W2 3"]:
     """Samples averaged in linear light, then sRGB bytes."""
     height, width = light.shape[0] // supersample, light.shape[1] // supersample
-    mean = light.reshape(height, supersample, width, supersample, 3).mean((1, 3))
-    return to_bytes(to_srgb(mean))
+    steps = range(supersample)
+    samples = [light[row::supersample, column::supersample] for row in steps for column in steps]
+    return to_bytes(to_srgb(sum(samples, np.zeros((height, width, 3), np.float32)) / np.float32(len(samples))))
