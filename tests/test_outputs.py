@@ -86,7 +86,7 @@ def test_the_slicer_finds_one_manifold_part_and_slices_it(cat) -> None:
     info = dict(map(str.strip, line.split(" = ")) for line in told.stdout.splitlines() if " = " in line)
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")
     assert info.get("open_edges", "0") == "0"
-    coarse = replace(cat.made.profile, layer_mm=0.3)
+    coarse = replace(cat.made.profile, nozzle_mm=1.0, layer_mm=0.8)  # few layers: a few seconds
     mesh = read_mesh(cat.folder / "out" / "cat.stl")
     answer = ask_slicer(mesh, coarse, supports=False, infill_percent=0)
     assert answer.sliced is True
