@@ -12,7 +12,6 @@ from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.edges import components
 from fabcraft.mesh import Mesh, concatenate
 from fabcraft.profile import PrinterProfile
-from fabcraft.solid.arrange import arrange
 from fabcraft.solid.hollow import HOLE_MM, WALL_MM, hollow
 from fabcraft.solid.label import label
 from fabcraft.solid.orient import onto_bed, oriented
@@ -82,6 +81,8 @@ def prepare(
         pieces += work.done(one, skin[group], side)
     spread = settings.orient or settings.arrange or len(pieces) > len(groups) or not placed.fits
     if spread:
+        from fabcraft.solid.arrange import arrange  # brings scipy.signal, a second of imports
+
         found = arrange(pieces, profile)
         pieces = list(found.meshes)
         work.numbers["plates"] = float(found.count)

@@ -41,10 +41,25 @@ class Run:
 
 _CAT = ("tests/test_outputs.py", "tests/test_pipeline.py")
 """Files that look at the cat mask: one worker makes it for them all."""
+_LONGEST = (
+    *_CAT,
+    *(f"tests/test_{name}.py" for name in ("readme", "body_scan", "guidance_target", "cli", "fitting_room")),
+    *(
+        f"tests/test_{name}.py"
+        for name in ("body_scan_settings", "evaluate_run", "solid_thicken", "road_motif")
+    ),
+)
+"""Files that take longest, which begin first: one that began last would keep one worker busy and the others idle."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, all others as they are."""
+    place = {file: at for at, file in enumerate(_LONGEST)}
+    items.sort(key=lambda item: place.get(item.nodeid.split("::")[0], len(place)))
 
 
 def pytest_xdist_make_scheduler(config, log):
-    """As --dist loadfile, with the files of the cat mask as one."""
+    """As --dist loadfile, in the order of collection, with the files of the cat mask as one."""
     from xdist.scheduler import LoadFileScheduling
 
     class Scheduling(LoadFileScheduling):
@@ -52,6 +67,7 @@ def pytest_xdist_make_scheduler(config, log):
             file = super()._split_scope(nodeid)
             return _CAT[0] if file in _CAT else file
 
+    config.option.loadscopereorder = False  # by the number of tests, which says nothing about their time
     return Scheduling(config, log)
 
 

@@ -151,8 +151,8 @@ def test_a_tilted_mask_is_levelled_by_its_eyes(drawn, sheet, axis, degrees):
     assert differs(relief, drawn)[1] < 1.0
 
 
-def test_the_strokes_of_the_relief_stay_detail(drawn, sheet):
-    relief, _ = lifted(sheet, template())
+def test_the_strokes_of_the_relief_stay_detail(drawn, back):
+    relief, _ = back
     xz = overlap(relief, drawn)[1]
     beads, beside = drawn.detail_at(xz) > 0.9, drawn.detail_at(xz) < 0.01
     there = relief.detail_at(xz)
@@ -170,8 +170,14 @@ def test_the_settings_scale_and_shift(drawn, sheet):
     assert_sound(moved)
 
 
-def test_a_plate_with_eye_holes_lies_with_them_over_the_eyes_and_stays_flat():
-    relief, notes = lifted(plate(EYE_HOLES), template())
+@pytest.fixture(scope="module")
+def holed():
+    """The relief and the notes of a plate with eye holes, a hole that is no eye, and a little one."""
+    return lifted(plate((*EYE_HOLES, (0.0, -45.0, 14.0), (30.0, -20.0, 4.0))), template())
+
+
+def test_a_plate_with_eye_holes_lies_with_them_over_the_eyes_and_stays_flat(holed):
+    relief, notes = holed
     assert_sound(relief)
     for opening, eye in zip(relief.openings, ("eye_right", "eye_left"), strict=True):
         assert opening.mean(0) == pytest.approx(template().body.landmarks[eye][[0, 2]], abs=4.0)
@@ -181,8 +187,8 @@ def test_a_plate_with_eye_holes_lies_with_them_over_the_eyes_and_stays_flat():
     assert any("stands" in note for note in notes)
 
 
-def test_a_hole_that_is_no_eye_is_closed_and_said():
-    relief, notes = lifted(plate((*EYE_HOLES, (0.0, -45.0, 14.0), (30.0, -20.0, 4.0))), template())
+def test_a_hole_that_is_no_eye_is_closed_and_said(holed):
+    relief, notes = holed
     assert_sound(relief)
     (closed,) = [note for note in notes if "closed" in note]
     assert "1, up to" in closed

@@ -1,12 +1,9 @@
 """What `make` leaves behind: complete, sound, told truthfully, and all of it or nothing."""
 
-import contextlib
 import errno
-import io
 import json
 import shutil
 import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +17,6 @@ import fabcraft
 from fabcraft import outputs
 from fabcraft.body.human import human
 from fabcraft.check.slicer import ask_slicer
-from fabcraft.cli import main
 from fabcraft.errors import InputError
 from fabcraft.outputs import side_files, write_all
 from fabcraft.read.mesh_file import read_mesh
@@ -90,7 +86,7 @@ def test_the_slicer_finds_one_manifold_part_and_slices_it(cat) -> None:
     info = dict(map(str.strip, line.split(" = ")) for line in told.stdout.splitlines() if " = " in line)
     assert (info["manifold"], info["number_of_parts"]) == ("yes", "1")
     assert info.get("open_edges", "0") == "0"
-    coarse = replace(cat.made.profile, layer_mm=0.3)
+    coarse = replace(cat.made.profile, nozzle_mm=1.0, layer_mm=0.8)  # few layers: a few seconds
     mesh = read_mesh(cat.folder / "out" / "cat.stl")
     answer = ask_slicer(mesh, coarse, supports=False, infill_percent=0)
     assert answer.sliced is True
@@ -115,45 +111,6 @@ def test_the_page_embeds_every_picture_the_recipe_and_both_maps(cat) -> None:
     assert "Distance to the body" in page
     assert "cat-mask.png" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
-
-
-RING = """template = "ring"
-text = "star"
-via = "subjects"
-preset = "draft"
-strap_slots = false
-pictures = false
-output = ["out/a.3mf", "out/a.stl"]
-"""
-
-
-@pytest.fixture(scope="module")
-def ring(tmp_path_factory) -> tuple[Path, dict]:
-    """The recipe of a ring with a star, and what making it said; what it wrote is in out/ beside the recipe."""
-    recipe, said = tmp_path_factory.mktemp("ring") / "ring.toml", io.StringIO()
-    recipe.write_text(RING)
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
-        patch.chdir(recipe.parent)
-        assert main(["make", recipe.name, "--json"]) == 0
-    return recipe, json.loads(said.getvalue())
-
-
-def test_a_ring_is_made_from_a_word(ring) -> None:
-    _, report = ring
-    assert report["metrics"]["silhouette_iou"] > 0.85
-    assert any("'star': star, of the library" in line for line in report["route"])
-    assert report["metrics"]["pen_max_mm"] == 0.0
-
-
-def test_a_second_run_in_another_process_writes_the_same_bytes(ring) -> None:
-    recipe, _ = ring
-    first = {path.name: path.read_bytes() for path in (recipe.parent / "out").iterdir()}
-    assert set(first) == {"a.3mf", "a.stl"}
-    command = [sys.executable, "-m", "fabcraft", "make", recipe.name]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=recipe.parent)
-    assert done.returncode == 0, done.stderr
-    assert "printable" in done.stdout.splitlines()[0]
-    assert {path.name: path.read_bytes() for path in (recipe.parent / "out").iterdir()} == first
 
 
 def test_without_pictures_only_the_outputs_are_written() -> None:

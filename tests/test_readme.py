@@ -1,14 +1,18 @@
 """Every command that the README shows is run as it stands there."""
 
 import itertools
+import json
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from fabcraft.cli import main
+from fabcraft.write.threemf import read_report
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")
@@ -47,6 +51,39 @@ def test_a_command_of_the_readme_runs(line, place, monkeypatch, capsys):
         for word, following in itertools.pairwise(words):
             if word == flag:
                 assert (place / following).stat().st_size > 1000
+                if words[1] == "make" and following.endswith(".3mf"):
+                    assert_as_asked(json.loads(read_report(place / following) or ""), "--text" in words)
+
+
+def assert_as_asked(report, by_words):
+    """A printable object in the shape that was asked for, outside of the body."""
+    assert report["printable"] is True
+    assert report["metrics"]["silhouette_iou"] > 0.85
+    assert report["metrics"]["pen_max_mm"] == 0.0
+    assert any("of the library" in line for line in report["route"]) == by_words
+
+
+RECIPE = f"""template = "ring"
+sketch = "{ROOT}/examples/objects/star.png"
+body = "woman"
+printer = "form4"
+preset = "draft"
+pictures = false
+output = ["out/ring.3mf", "out/ring.stl"]
+[measures]
+ring_finger = "US7"
+"""
+"""What the first command says, as a recipe file."""
+
+
+def test_a_recipe_file_in_another_process_gives_the_same_bytes(place, tmp_path):
+    (tmp_path / "ring.toml").write_text(RECIPE)
+    command = [sys.executable, "-m", "fabcraft", "make", "ring.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "printable" in done.stdout.splitlines()[0]
+    written = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert written == {name: (place / name).read_bytes() for name in ("ring.3mf", "ring.stl")}
 
 
 def test_the_python_of_the_readme_runs(place, monkeypatch, capsys):

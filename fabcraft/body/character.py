@@ -5,6 +5,7 @@ height.  Twice the height is twice every coordinate; the distances of its contac
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -22,6 +23,7 @@ from fabcraft.body.characters.nets import symmetric_mesh
 from fabcraft.body.characters.patches import part_of, regions, scaled_rule
 from fabcraft.body.characters.places import Points, joints, landmarks
 from fabcraft.body.parts import Cut
+from fabcraft.body.region import Region
 from fabcraft.errors import InputError
 from fabcraft.mesh import Mesh
 
@@ -51,11 +53,7 @@ def character(name: str, height_mm: float | int = 0.0) -> Body:
             f"a height of {height:g} mm was asked for the {name}",
             f"Choose between {HEIGHT_MM[0]:g} and {HEIGHT_MM[1]:g} mm; its own is {model.height_mm:g}.",
         )
-    shape = model.shape()
-    mesh = symmetric_mesh(shape, np.array(model.bounds, dtype=np.float64), model.cell_mm)
-    marks, bones = landmarks(model, shape, mesh), joints(model)
-    scales = _scales(model, marks)
-    patches = regions(model, mesh, marks, bones, scales)
+    mesh, marks, bones, scales, patches = _modelled(name)
     factor = height / float(mesh.size_mm[2])
     return Body(
         name,
@@ -67,6 +65,17 @@ def character(name: str, height_mm: float | int = 0.0) -> Body:
         cuts=_cuts(model, bones, scales, factor),
         unwearable=model.unwearable,
     )
+
+
+@cache
+def _modelled(name: str) -> tuple[Mesh, Points, Points, dict[str, float], dict[str, Region]]:
+    """Skin, landmarks, joints, sizes over a man's and regions as modelled, the same for every height."""
+    model = CHARACTERS[name]
+    shape = model.shape()
+    mesh = symmetric_mesh(shape, np.array(model.bounds, dtype=np.float64), model.cell_mm)
+    marks, bones = landmarks(model, shape, mesh), joints(model)
+    scales = _scales(model, marks)
+    return mesh, marks, bones, scales, regions(model, mesh, marks, bones, scales)
 
 
 def _scales(model: Model, marks: Points) -> dict[str, float]:

@@ -32,7 +32,7 @@ def figure_landmarks(
 ) -> dict[str, Float64[np.ndarray, "3"]]:
     """The landmarks that meet the skin of `mesh`; `given` ones stay as they are, eyes where they are stretched to, mm."""
     names = [name for name in fit.part.landmarks if name not in _INNER]
-    places, met = _met(mesh, fit, np.array([fit.part.landmarks[name] for name in names]))
+    places, met = _Skin(mesh, fit).met(np.array([fit.part.landmarks[name] for name in names]))
     found = {name: place for name, place, there in zip(names, places, met, strict=True) if there}
     eyes = {name: fit.points[fit.part.landmarks[name]] for name in _INNER if name in fit.part.landmarks}
     return found | eyes | dict(given)
@@ -41,8 +41,9 @@ def figure_landmarks(
 def figure_regions(mesh: Mesh, fit: PartFit) -> tuple[dict[str, Region], tuple[str, ...]]:
     """(every region that the figure has, on its vertices; those that it has not)."""
     found: dict[str, Region] = {}
+    skin = _Skin(mesh, fit)
     for name, region in fit.part.regions.items():
-        places, met = _met(mesh, fit, region.vertex_indices)
+        places, met = skin.met(region.vertex_indices)
         if met.mean() < _COVERED:
             continue
         own, emphasis = places[met], region.emphasis[met]
@@ -52,20 +53,23 @@ def figure_regions(mesh: Mesh, fit: PartFit) -> tuple[dict[str, Region], tuple[s
     return found, tuple(sorted(fit.part.regions.keys() - found.keys()))
 
 
-def _met(
-    mesh: Mesh, fit: PartFit, rows: np.ndarray
-) -> tuple[Float64[np.ndarray, "N 3"], Bool[np.ndarray, " N"]]:
-    """Where the rows of the stretched person meet the skin, and whether they do."""
-    points = fit.points[rows]
-    middle = np.mean(
-        [fit.points[fit.part.landmarks[f"tragion_{side}"]] for side in ("left", "right")], axis=0
-    )
-    away = points - middle
-    out = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    way = np.where(SurfaceDistance(mesh).signed(points)[:, None] < 0.0, out, -out)
-    travelled = Rays(mesh).distances(points, way)
-    met = travelled < _FARTHEST * size_of(fit)
-    return points + np.where(met, travelled, 0.0)[:, None] * way, met
+class _Skin:
+    """The skin of a figure, made ready once for all places of the stretched person."""
+
+    def __init__(self, mesh: Mesh, fit: PartFit) -> None:
+        self._fit, self._distance, self._rays = fit, SurfaceDistance(mesh), Rays(mesh)
+        ears = [fit.points[fit.part.landmarks[f"tragion_{side}"]] for side in ("left", "right")]
+        self._middle = np.mean(ears, axis=0)
+
+    def met(self, rows: np.ndarray) -> tuple[Float64[np.ndarray, "N 3"], Bool[np.ndarray, " N"]]:
+        """Where the rows of the stretched person meet the skin, and whether they do."""
+        points = self._fit.points[rows]
+        away = points - self._middle
+        out = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+        way = np.where(self._distance.signed(points)[:, None] < 0.0, out, -out)
+        travelled = self._rays.distances(points, way)
+        met = travelled < _FARTHEST * size_of(self._fit)
+        return points + np.where(met, travelled, 0.0)[:, None] * way, met
 
 
 def _apart(fit: PartFit, region: Region) -> float:

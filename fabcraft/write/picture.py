@@ -5,9 +5,11 @@ edges are smooth. Equal input gives equal bytes.
 """
 
 import io
+import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int32, Integer, UInt8
 from PIL import Image
@@ -133,45 +135,64 @@ def _seen(scene: _Scene, camera: Camera) -> _Samples:
     raster = rasterize(pixels, scene.faces, camera.width, camera.height)
     covered = raster.face_id >= 0
     face = raster.face_id[covered]
-    weights = raster.barycentric[covered]
-    corners = scene.faces[face]
-    if np.isfinite(camera.distance_mm):
-        # linear in the image is 1/w; weights on the surface are b_i / w_i, normalised (key = -1 / w)
-        weights = weights * (-pixels[:, 2]).astype(np.float32)[corners]
-        weights /= weights.sum(1, keepdims=True)
-    local = _blend(((scene.points - camera.centre) @ camera.axes.T).astype(np.float32), corners, weights)
-    to_camera = _to_camera(local, camera.distance_mm)
     axes = camera.axes.astype(np.float32)
-    normals = _blend(scene.normals, scene.corner_normal[face], weights) @ axes.T
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    # Both sides are lit: an open sheet seen from behind shows its back. The face decides, not the smooth
-    # normal, which may lean away at a silhouette.
     a, b, c = (scene.points[scene.faces[:, corner]] for corner in range(3))
-    plane = np.cross(b - a, c - a).astype(np.float32)[face] @ axes.T
-    normals[np.einsum("ij,ij->i", plane, to_camera) < 0] *= -1
-    colours = _blend(scene.colours, corners, weights)
+    local, normals, to_camera, colours = (np.empty((len(face), 3), np.float32) for _ in range(4))
+    _interpolate(
+        face,
+        raster.barycentric[covered],
+        (-pixels[:, 2]).astype(np.float32),
+        scene.faces,
+        scene.corner_normal,
+        ((scene.points - camera.centre) @ camera.axes.T).astype(np.float32),
+        scene.normals @ axes.T,
+        scene.colours,
+        np.cross(b - a, c - a).astype(np.float32) @ axes.T,
+        np.float32(camera.distance_mm),
+        (local, normals, to_camera, colours),
+    )
     surface = Surface(normals, to_camera, normals @ axes[:, 2], colours, scene.gloss[face])
     return _Samples(covered, local, surface)
 
 
-def _to_camera(local: Float32[np.ndarray, "P 3"], distance_mm: float) -> Float32[np.ndarray, "P 3"]:
-    """Unit direction to the eye from points in the camera's frame."""
-    if np.isinf(distance_mm):
-        return np.broadcast_to(np.array([0.0, 0.0, 1.0], np.float32), local.shape)
-    direction = np.array([0.0, 0.0, distance_mm], np.float32) - local
-    return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _interpolate(
+    face, barycentric, nearness, faces, corner_normal, places, normals, colours, planes, distance, made
+):
+    """Fill made: place, normal, unit direction to the eye and colour (P, 3) of every sample, in the camera's frame.
 
-
-def _blend(
-    values: Float32[np.ndarray, "V 3"],
-    corners: Integer[np.ndarray, "P 3"],
-    weights: Float32[np.ndarray, "P 3"],
-) -> Float32[np.ndarray, "P 3"]:
-    """Corner values weighted per sample."""
-    total = values[corners[:, 0]] * weights[:, :1]
-    total += values[corners[:, 1]] * weights[:, 1:2]
-    total += values[corners[:, 2]] * weights[:, 2:]
-    return total
+    nearness (V,): the negative depth key.  planes (F, 3): towards the front of every face.
+    """
+    place, normal, eye, colour = made
+    near = np.isfinite(distance)
+    for sample in range(len(face)):
+        at = face[sample]
+        i, j, k = faces[at]
+        u, v, w = barycentric[sample]
+        if near:
+            # linear in the image is 1/w; weights on the surface are b_i / w_i, normalised (key = -1 / w)
+            u, v, w = u * nearness[i], v * nearness[j], w * nearness[k]
+            total = u + v + w
+            u, v, w = u / total, v / total, w / total
+        f, g, h = corner_normal[at]
+        square = away = np.float32(0.0)
+        for axis in range(3):
+            place[sample, axis] = u * places[i, axis] + v * places[j, axis] + w * places[k, axis]
+            colour[sample, axis] = u * colours[i, axis] + v * colours[j, axis] + w * colours[k, axis]
+            normal[sample, axis] = u * normals[f, axis] + v * normals[g, axis] + w * normals[h, axis]
+            eye[sample, axis] = -place[sample, axis] if near else 0.0
+            square += normal[sample, axis] ** 2
+        eye[sample, 2] += distance if near else 1.0
+        for axis in range(3):
+            away += eye[sample, axis] ** 2
+        eye[sample] /= np.sqrt(away)
+        front = (
+            planes[at, 0] * eye[sample, 0] + planes[at, 1] * eye[sample, 1] + planes[at, 2] * eye[sample, 2]
+        )
+        # Both sides are lit: an open sheet seen from behind shows its back. The face decides, not the smooth
+        # normal, which may lean away at a silhouette.
+        normal[sample] /= max(np.sqrt(square), np.float32(1e-9)) * np.float32(-1.0 if front < 0.0 else 1.0)
 
 
 def _occlusion(camera: Camera, samples: _Samples, supersample: int) -> Float32[np.ndarray, " P"]:
@@ -215,5 +236,8 @@ def _key_shadow(scene: _Scene, camera: Camera, samples: _Samples) -> Float32[np.
 def _finished(light: Float[np.ndarray, "H W 3"], supersample: int) -> UInt8[np.ndarray, "H2 W2 3"]:
     """Samples averaged in linear light, then sRGB bytes."""
     height, width = light.shape[0] // supersample, light.shape[1] // supersample
-    mean = light.reshape(height, supersample, width, supersample, 3).mean((1, 3))
-    return to_bytes(to_srgb(mean))
+    steps = range(supersample)
+    samples = [light[row::supersample, column::supersample] for row in steps for column in steps]
+    return to_bytes(
+        to_srgb(sum(samples, np.zeros((height, width, 3), np.float32)) / np.float32(len(samples)))
+    )

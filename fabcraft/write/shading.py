@@ -1,4 +1,4 @@
-"""Light on a picture: a small studio for deferred shading, all in NumPy.
+"""Light on a picture: a small studio for deferred shading, compiled sample by sample.
 
 A key light from the upper left, a fill from the right, a rim from behind, and a sky over a warm floor.
 Diffuse light is wrapped, (n·l + w) / (1 + w), which gives plastic and skin their soft terminator; the
@@ -7,8 +7,10 @@ highlight is Blinn-Phong. Shadows: a shadow map of the key light with a soft dis
 right, y up, z towards the camera. Colours are linear.
 """
 
+import typing
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from jaxtyping import Bool, Float32
 from scipy.ndimage import uniform_filter
@@ -16,6 +18,8 @@ from scipy.ndimage import uniform_filter
 KEY = (-0.52, 0.62, 0.59)
 _FILL = (0.80, 0.10, 0.59)
 _RIM = (0.35, 0.65, -0.67)
+_SKY, _FLOOR = (0.46, 0.48, 0.52), (0.27, 0.245, 0.225)
+_KEY_COLOUR, _FILL_COLOUR = (0.80, 0.775, 0.73), (0.150, 0.165, 0.19)
 
 
 @dataclass(frozen=True)
@@ -39,35 +43,54 @@ def lit(
 ) -> Float32[np.ndarray, "P 3"]:
     """Linear light towards the camera; `shadow`: share of the key light that arrives; `occlusion`: share of
     the sky."""
-    normals = surface.normals
-    key, fill, rim = (_unit(direction) for direction in (KEY, _FILL, _RIM))
-    sky = 0.5 + 0.5 * surface.up
-    # Occluded light bounces off the surface itself and takes on its colour (Jimenez et al. 2016,
-    # multi-bounce fit).
-    visible = occlusion[:, None]
-    bounce = visible / (1.0 - surface.colours * 0.55 * (1.0 - visible))
-    ambient = bounce * (
-        sky[:, None] * np.array([0.46, 0.48, 0.52], np.float32)
-        + (1.0 - sky[:, None]) * np.array([0.27, 0.245, 0.225], np.float32)
+    light = np.empty(surface.colours.shape, np.float32)
+    _light(
+        surface.normals,
+        np.ascontiguousarray(surface.to_camera),
+        surface.up,
+        surface.colours,
+        surface.gloss,
+        shadow,
+        occlusion,
+        np.stack([_unit(direction) for direction in (KEY, _FILL, _RIM)]),
+        light,
     )
-    light = ambient
-    light += (_wrapped(normals @ key, 0.25) * shadow * (0.45 + 0.55 * occlusion))[:, None] * np.array(
-        [0.80, 0.775, 0.73], np.float32
-    )
-    light += (_wrapped(normals @ fill, 0.4) * occlusion)[:, None] * np.array([0.150, 0.165, 0.19], np.float32)
-    light *= surface.colours
-    facing = np.clip(np.einsum("ij,ij->i", normals, surface.to_camera), 0.0, 1.0)
-    power = 12.0 + 90.0 * surface.gloss
-    strength = surface.gloss * (power + 8.0) / 60.0
-    for direction, weight in ((key, shadow * 0.34), (fill, occlusion * 0.05)):
-        half = surface.to_camera + direction
-        half /= np.linalg.norm(half, axis=1, keepdims=True)
-        light += (strength * weight * np.clip(np.einsum("ij,ij->i", normals, half), 0.0, 1.0) ** power)[
-            :, None
-        ]
-    # A soft edge light: grazing (Schlick's fifth power, eased) and turned towards the rim lamp.
-    edge = (1.0 - facing) ** 3 * np.clip(normals @ rim + 0.35, 0.0, 1.0) * occlusion
-    return light + (edge * (0.10 + 0.20 * surface.gloss))[:, None]
+    return light
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _light(normals, to_camera, up, colours, gloss, shadow, occlusion, lamps, light):
+    """Fill light (P, 3); lamps (3, 3): unit directions of key, fill and rim."""
+    for sample in range(len(normals)):
+        normal, eye = normals[sample], to_camera[sample]
+        key = normal[0] * lamps[0, 0] + normal[1] * lamps[0, 1] + normal[2] * lamps[0, 2]
+        fill = normal[0] * lamps[1, 0] + normal[1] * lamps[1, 1] + normal[2] * lamps[1, 2]
+        rim = normal[0] * lamps[2, 0] + normal[1] * lamps[2, 1] + normal[2] * lamps[2, 2]
+        open_, reached, shine = occlusion[sample], shadow[sample], gloss[sample]
+        sky = 0.5 + 0.5 * up[sample]
+        by_key = max((key + 0.25) / 1.25, 0.0) / 1.25 * reached * (0.45 + 0.55 * open_)
+        by_fill = max((fill + 0.4) / 1.4, 0.0) / 1.4 * open_
+        power = 12.0 + 90.0 * shine
+        strength = shine * (power + 8.0) / 60.0
+        glint = 0.0
+        for lamp in range(2):
+            x, y, z = eye[0] + lamps[lamp, 0], eye[1] + lamps[lamp, 1], eye[2] + lamps[lamp, 2]
+            half = (normal[0] * x + normal[1] * y + normal[2] * z) / np.sqrt(x * x + y * y + z * z)
+            weight = reached * 0.34 if lamp == 0 else open_ * 0.05
+            if half > 0.0:
+                glint += strength * weight * min(half, 1.0) ** power
+        facing = min(max(normal[0] * eye[0] + normal[1] * eye[1] + normal[2] * eye[2], 0.0), 1.0)
+        # A soft edge light: grazing (Schlick's fifth power, eased) and turned towards the rim lamp.
+        edge = (1.0 - facing) ** 3 * min(max(rim + 0.35, 0.0), 1.0) * open_ * (0.10 + 0.20 * shine)
+        for channel in range(3):
+            colour = colours[sample, channel]
+            # Occluded light bounces off the surface itself and takes on its colour (Jimenez et al. 2016,
+            # multi-bounce fit).
+            bounce = open_ / (1.0 - colour * 0.55 * (1.0 - open_))
+            ambient = bounce * (sky * _SKY[channel] + (1.0 - sky) * _FLOOR[channel])
+            given = ambient + by_key * _KEY_COLOUR[channel] + by_fill * _FILL_COLOUR[channel]
+            light[sample, channel] = given * colour + glint + edge
 
 
 def occlusion_map(
@@ -94,31 +117,41 @@ def _obscurance(
 ) -> np.ndarray:
     """Alchemy obscurance: mean over a spiral of taps of max(0, v·n - bias) / (v·v + ε), faded at the
     radius."""
-    height, width = depth.shape
     radius = max(radius_mm / pixel_mm, 2.0)
-    rows, columns = np.nonzero(covered)
-    here, normal = depth[rows, columns], normals[rows, columns]
     # a 4 × 4 dither of the spiral's angle trades bands for noise that the caller's filter removes
-    turn = ((rows % 4) * 4 + (columns % 4)).astype(np.float32) * np.float32(2 * np.pi / 16 * 7)
-    cosine, sine = np.cos(turn), np.sin(turn)
-    total = np.zeros(len(rows), np.float32)
-    for tap in range(taps):
-        reach, angle = radius * np.sqrt((tap + 0.5) / taps), 2.399963 * tap
-        x, y = reach * np.cos(angle), reach * np.sin(angle)
-        column = np.clip(columns + np.rint(x * cosine - y * sine).astype(np.int32), 0, width - 1)
-        row = np.clip(rows + np.rint(x * sine + y * cosine).astype(np.int32), 0, height - 1)
-        vx = (column - columns) * np.float32(pixel_mm)
-        vy = (rows - row) * np.float32(pixel_mm)
-        vz = here - depth[row, column]  # towards the camera is positive
-        square = vx * vx + vy * vy + vz * vz
-        rise = vx * normal[:, 0] + vy * normal[:, 1] + vz * normal[:, 2]
-        rise = np.maximum(rise - np.float32(0.02 * radius_mm), 0.0) / np.sqrt(square + 1e-6)
-        total += (
-            rise * np.maximum(1.0 - square / np.float32(radius_mm * radius_mm), 0.0) * covered[row, column]
-        )
+    turn = np.arange(16)[:, None] * (2 * np.pi / 16 * 7)
+    reach = radius * np.sqrt((np.arange(taps) + 0.5) / taps)
+    angle = 2.399963 * np.arange(taps) + turn
+    steps = np.rint(np.stack([reach * np.cos(angle), reach * np.sin(angle)], -1)).astype(np.int64)
     result = np.zeros(depth.shape, np.float32)
-    result[rows, columns] = total * (2.0 / taps)
+    _obscured(depth, normals, covered, pixel_mm, radius_mm, steps, result)
     return result
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _obscured(depth, normals, covered, pixel_mm, radius_mm, steps, result):
+    """Fill result (H, W) where it is covered; steps (16, taps, 2): right and down, by the dither."""
+    height, width = depth.shape
+    taps, bias = steps.shape[1], 0.02 * radius_mm
+    for row in range(height):
+        for column in range(width):
+            if not covered[row, column]:
+                continue
+            normal, total = normals[row, column], 0.0
+            for tap in range(taps):
+                step = steps[(row % 4) * 4 + column % 4, tap]
+                there_column = min(max(column + step[0], 0), width - 1)
+                there_row = min(max(row + step[1], 0), height - 1)
+                if not covered[there_row, there_column]:
+                    continue
+                x, y = (there_column - column) * pixel_mm, (row - there_row) * pixel_mm
+                z = depth[row, column] - depth[there_row, there_column]  # towards the camera is positive
+                square = x * x + y * y + z * z
+                rise = x * normal[0] + y * normal[1] + z * normal[2] - bias
+                if rise > 0.0 and square < radius_mm * radius_mm:
+                    total += rise / np.sqrt(square + 1e-6) * (1.0 - square / (radius_mm * radius_mm))
+            result[row, column] = total * (2.0 / taps)
 
 
 def shadow_share(
@@ -134,28 +167,33 @@ def shadow_share(
     `lamp_depth` is infinite where the lamp sees nothing; `turn` turns the disc, so that the edge is soft,
     not stepped.
     """
+    reach = np.sqrt((np.arange(16) + 0.5) / 16) * blur
+    angle = 2.399963 * np.arange(16)
+    share = np.empty(len(points), np.float32)
+    _lit_share(points, lamp_depth, bias, turn, reach * np.cos(angle), reach * np.sin(angle), share)
+    return share
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+@typing.no_type_check
+def _lit_share(points, lamp_depth, bias, turn, right, down, share):
+    """Fill share (P,); right, down (taps,): the disc, pixels."""
     height, width = lamp_depth.shape
-    cosine, sine = np.cos(turn) * np.float32(blur), np.sin(turn) * np.float32(blur)
-    limit = points[:, 2] - bias
-    total = np.zeros(len(points), np.float32)
-    for tap in range(16):
-        reach, angle = np.sqrt((tap + 0.5) / 16), 2.399963 * tap
-        x, y = np.float32(reach * np.cos(angle)), np.float32(reach * np.sin(angle))
-        column = np.clip((points[:, 0] + x * cosine - y * sine).astype(np.int32), 0, width - 1)
-        row = np.clip((points[:, 1] + x * sine + y * cosine).astype(np.int32), 0, height - 1)
-        total += lamp_depth[row, column] > limit
-    return total / np.float32(16)
+    for sample in range(len(points)):
+        cosine, sine = np.cos(turn[sample]), np.sin(turn[sample])
+        limit, count = points[sample, 2] - bias[sample], 0
+        for tap in range(len(right)):
+            x = points[sample, 0] + right[tap] * cosine - down[tap] * sine
+            y = points[sample, 1] + right[tap] * sine + down[tap] * cosine
+            column, row = min(max(int(x), 0), width - 1), min(max(int(y), 0), height - 1)
+            count += lamp_depth[row, column] > limit
+        share[sample] = count / len(right)
 
 
 def tone_mapped(light: Float32[np.ndarray, "*S 3"]) -> Float32[np.ndarray, "*S 3"]:
     """Highlights rolled off above 0.75 so that nothing burns out; below, light is left as it is."""
     over = np.maximum(light - 0.75, 0.0)
     return np.minimum(light, 0.75) + 0.25 * (1.0 - np.exp(-over / 0.25))
-
-
-def _wrapped(cosine: np.ndarray, wrap: float) -> np.ndarray:
-    """Diffuse light that reaches a little around the corner, normalised to its energy."""
-    return np.maximum((cosine + wrap) / (1.0 + wrap), 0.0) / (1.0 + wrap)
 
 
 def _unit(direction: tuple[float, float, float]) -> np.ndarray:
