@@ -4,8 +4,8 @@ Every mesh of `tests/nasty.py` goes through `solidify` with the wall of each pro
 result is measured: manifold, faces through others, share of the surface at the wall, parts and genus, what has to stay
 open or full, clearance to the body, deviation where it was thick, CPU seconds and memory. A refusal is a row with its
 reason. `--peers` runs alpha wrap (pymeshlab), igl's offset surface and, where installed, pymeshfix on the same meshes.
-`--slice` lets PrusaSlicer slice every result, solid and without supports: whether it does, without an empty layer (`!`),
-and what it lays over the volume of the mesh, less what it pushes.
+`--slice` lets PrusaSlicer slice every result, filled: whether it does, without an empty layer (`!`), and by how much what
+it lays, less supports, differs from the volume of the mesh.
 """
 
 import argparse
@@ -127,12 +127,13 @@ def row(
 def sliced(mesh: Mesh, profile: PrinterProfile) -> str:
     """What PrusaSlicer makes of it at full infill: laid over volume, or why not."""
     roomy = replace(profile, build_mm=tuple(np.maximum(profile.build_mm, mesh.size_mm + 20.0)))
-    answer = ask_slicer(mesh, roomy, supports=False, infill_percent=100)
+    # resin's supports cannot be told from the part; what stands on a corner is not begun without any
+    answer = ask_slicer(mesh, roomy, supports=profile.process == "fdm", infill_percent=100)
     if not answer.sliced:
         return f"not sliced! {answer.error[:60]}"
     if answer.empty_layers_mm:
         return f"{len(answer.empty_layers_mm)} empty layers!"
-    laid = answer.laid_mm3 if answer.laid_mm3 is not None else answer.material_mm3
+    laid = answer.material_mm3 if answer.laid_mm3 is None else answer.laid_mm3 - (answer.support_mm3 or 0.0)
     off = 100.0 * ((laid or 0.0) / mesh.volume_mm3 - 1.0)
     return f"{off:+.1f} %{'' if abs(off) <= 5.0 else '!'}"
 
