@@ -25,6 +25,7 @@ img { max-width: 100%; border: 1px solid #e4e7eb; border-radius: 8px; background
 .why { color: #8a5a00; } dt { font-weight: 600; } dd { margin: 0 0 6px; }
 """
 _TIMES = {"pen_rms_mm": "depth", "pen_volume_mm3": "volume inside", "contact_rms_mm": "contact distance"}
+_LIKE = {"silhouette_iou": "silhouette IoU over 24 views", "drawing_iou": "IoU in the drawing's own picture"}
 
 
 def page_html(
@@ -81,7 +82,11 @@ def _compared(compared: Mapping[str, float]) -> str:
     said = [
         *times,
         f"deepest place {compared['pen_max_mm_ours']:.3f} mm",
-        f"silhouette IoU lower by {compared['silhouette_iou_lost']:.3f}",
+        *(
+            f"{words} lower by {compared[key]:.3f}"
+            for name, words in _LIKE.items()
+            if (key := f"{name}_lost") in compared
+        ),
     ]
     return f"<p>Ours against no body loss, {compared['designs']:.0f} designs: {safe('; '.join(said))}.</p>"
 

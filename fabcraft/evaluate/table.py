@@ -24,6 +24,7 @@ COLUMNS = (
     ("contact_rms_mm", "contact rms, mm ↓", "{:.2f}"),
     ("contact_within_1mm_pct", "contact within 1 mm, % ↑", "{:.0f}"),
     ("silhouette_iou", "silhouette IoU ↑", "{:.3f}"),
+    ("drawing_iou", "drawing IoU ↑", "{:.3f}"),
     ("chamfer_mm", "chamfer, mm ↓", "{:.2f}"),
     ("wall_min_mm", "thinnest wall, mm ↑", "{:.2f}"),
     ("wall_ok_share", "wall kept, % ↑", "{:.0%}"),
@@ -90,8 +91,14 @@ def comparison(cells: Sequence[Cell]) -> dict[str, float]:
         if ours > 0.0:
             found[f"{name}_times_smaller"] = without / ours
     found["pen_max_mm_ours"] = max(float(a.metrics["pen_max_mm"]) for a, _ in pairs)
-    lost = [float(b.metrics["silhouette_iou"]) - float(a.metrics["silhouette_iou"]) for a, b in pairs]
-    found["silhouette_iou_lost"] = float(np.mean(lost))
+    for name in ("silhouette_iou", "drawing_iou"):
+        lost = [
+            float(b.metrics[name]) - float(a.metrics[name])
+            for a, b in pairs
+            if name in a.metrics and name in b.metrics
+        ]
+        if lost:
+            found[f"{name}_lost"] = float(np.mean(lost))
     return found
 
 
