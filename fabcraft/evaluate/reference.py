@@ -79,8 +79,9 @@ def reference_of(design: Design, guidance: Mesh) -> Reference:
     template, rest = rest_of(recipe, find_body(design.body))
     body = SurfaceDistance(template.body.mesh)
     worn = worn_solid(rest, template, body)
+    gaps = 0.0 if worn.contacts is None else SurfaceDistance(rest).closest(worn.contacts).distances
     goal = goal_on(guidance, rest, recipe, template, body)[0].mesh
-    return Reference(body, worn.contacts, worn.gaps_mm, goal, _picture(design, template, goal))
+    return Reference(body, worn.contacts, gaps, goal, _picture(design, template, goal))
 
 
 def _picture(design: Design, template: Template, goal: Mesh) -> Picture | None:
