@@ -1,8 +1,11 @@
 import json
+import multiprocessing
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pretended_cells
 import pytest
 import tiny_clip
 from worn import torus
@@ -13,6 +16,7 @@ from fabcraft.evaluate import cells as room
 from fabcraft.evaluate import run, suite
 from fabcraft.evaluate.cells import Cell, Options, cell_of, key_of, recipe_for
 from fabcraft.evaluate.figures import extra_cells, figures
+from fabcraft.evaluate.jobs import in_processes
 from fabcraft.evaluate.judge import judge_of
 from fabcraft.evaluate.suite import METHODS, QUICK, STAR, SUITE, chosen
 from fabcraft.evaluate.table import NO_WEIGHTS, comparison, markdown, rows_of
@@ -323,3 +327,22 @@ def test_a_run_that_is_stopped_says_how_to_go_on(pretended, monkeypatch, capsys)
     monkeypatch.setattr(run, "cell_of", stopped)
     assert main(["evaluate", "-o", str(pretended)]) == 130
     assert "the same command goes on" in capsys.readouterr().err
+
+
+def test_a_process_that_dies_costs_its_own_cell_alone(tmp_path):
+    asked = [(method, STAR) for method in ("template", "dies", "ours")]
+    found = list(in_processes(asked, Options(tmp_path), 1, pretended_cells.pretended))
+    assert [cell.method for cell in found] == ["template", "dies", "ours"]
+    assert [bool(cell.error) for cell in found] == [False, True, False]
+    assert "was ended" in found[1].error and "--only dies/star-ring" in found[1].next_step
+
+
+def test_processes_end_when_the_run_is_stopped(tmp_path):
+    before = set(multiprocessing.active_children())
+    asked = [("template", STAR), ("slow", STAR)]
+    told = in_processes(asked, Options(tmp_path), 1, pretended_cells.pretended)
+    assert next(told).method == "template"
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        told.throw(KeyboardInterrupt())
+    assert time.monotonic() - start < 20.0 and set(multiprocessing.active_children()) <= before

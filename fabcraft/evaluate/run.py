@@ -11,16 +11,15 @@ import json
 import platform
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import get_context
 from typing import Any
 
 from fabcraft import __version__
 from fabcraft.errors import InputError
 from fabcraft.evaluate.cells import Cell, Options, cell_of
 from fabcraft.evaluate.figures import Figure, extra_cells, figures
+from fabcraft.evaluate.jobs import in_processes
 from fabcraft.evaluate.page import page_html
 from fabcraft.evaluate.reference import guidance_recipe
 from fabcraft.evaluate.study import items_of, key_json, study_page
@@ -109,22 +108,11 @@ def _computed(
 ) -> tuple[Cell, ...]:
     """The cells in the order asked for; what is done stays when it is stopped."""
     cells: list[Cell] = []
-
-    def take(cell: Cell) -> None:
+    found = (cell_of(*one, options) for one in asked) if jobs == 1 else in_processes(asked, options, jobs)
+    for cell in found:
         cells.append(cell)
         if told is not None:
             told(cell, len(cells), len(asked))
-
-    if jobs == 1:
-        for method, design in asked:
-            take(cell_of(method, design, options))
-        return tuple(cells)
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        # the first cell of a design makes its guidance mesh, which the others read
-        first = {design.name.partition("@")[0]: (method, design) for method, design in reversed(asked)}
-        list(pool.map(cell_of, *zip(*first.values(), strict=True), [options] * len(first)))
-        for cell in pool.map(cell_of, *zip(*asked, strict=True), [options] * len(asked)):
-            take(cell)
     return tuple(cells)
 
 
