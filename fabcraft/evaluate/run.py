@@ -24,7 +24,7 @@ from fabcraft.evaluate.page import page_html
 from fabcraft.evaluate.reference import guidance_recipe
 from fabcraft.evaluate.study import items_of, key_json, study_page
 from fabcraft.evaluate.suite import BODIES, JOINT, SUITE, TARGETS, Design, chosen
-from fabcraft.evaluate.table import Row, comparison, markdown, rows_of
+from fabcraft.evaluate.table import Row, by_design, comparison, markdown, rows_of
 from fabcraft.recipe import Recipe
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.picture import png_bytes
@@ -143,14 +143,15 @@ def _written(
         "keys": {f"{one.method}/{one.design}": one.key for one in cells},
     }
     prompts = {design.name: design.prompt for design in (*SUITE, *TARGETS, *BODIES, *JOINT)}
+    designs = by_design(cells[:in_table])
     items = items_of(cells[:in_table], prompts, out, options.seed)
     said = {"table": [row.to_dict() for row in rows], "ours_against_no_body_loss": compared}
     shown = {name: value for name, value in manifest.items() if name != "keys"}
     texts = {
         "table.json": json.dumps(said, indent=1, allow_nan=False) + "\n",
-        "table.md": markdown(rows),
+        "table.md": markdown(rows, designs),
         "manifest.json": json.dumps(manifest, indent=1) + "\n",
-        "index.html": page_html(rows, compared, drawn, pngs, shown),
+        "index.html": page_html(rows, compared, designs, drawn, pngs, shown),
         "study/study.html": study_page(items),
         "study/study-key.json": key_json(items),
     }

@@ -31,6 +31,8 @@ COLUMNS = (
     ("donnable", "can be put on ↑", "{:.0%}"),
 )
 """(name, heading, how it is written)."""
+PER_DESIGN = ("pen_max_mm", "contact_rms_mm", "silhouette_iou", "drawing_iou", "chamfer_mm", "wall_min_mm")
+"""What is shown of every design, ours against no body loss."""
 NO_WEIGHTS = "not measured: weights absent, fabcraft weights fetch"
 
 
@@ -102,6 +104,19 @@ def comparison(cells: Sequence[Cell]) -> dict[str, float]:
     return found
 
 
+def by_design(cells: Sequence[Cell]) -> tuple[tuple[str, ...], ...]:
+    """A line in words for every design that has both, ours / no body loss; the first line is the headings."""
+    shown = [column for column in COLUMNS if column[0] in PER_DESIGN]
+    lines = [("design", *(heading for _, heading, _ in shown))]
+    for ours, without in _pairs(cells):
+        both = [
+            " / ".join(form.format(one.metrics[name]) if name in one.metrics else "–" for one in (ours, without))
+            for name, _, form in shown
+        ]
+        lines.append((ours.title, *both))
+    return tuple(lines)
+
+
 def _pairs(cells: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
     good = {(cell.method, cell.design): cell for cell in cells if not cell.error}
     designs = [design for method, design in good if method == "ours"]
@@ -118,9 +133,16 @@ def written(row: Row) -> tuple[str, ...]:
     return (WORDS[row.method], str(row.designs), *cells)
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """The table as Markdown, with a line for every note."""
+def markdown(rows: Sequence[Row], designs: Sequence[Sequence[str]]) -> str:
+    """The table as Markdown, with a line for every note, and below it `designs` (`by_design`)."""
     head = ("method", "designs", *(heading for _, heading, _ in COLUMNS))
-    lines = [head, ("---",) * len(head), *map(written, rows)]
     notes = [f"- {WORDS[row.method]}: {row.note}" for row in rows if row.note]
-    return "\n".join([*("| " + " | ".join(line) + " |" for line in lines), "", *notes]) + "\n"
+    parts = [_piped([head, *map(written, rows)]), "", *notes]
+    if len(designs) > 1:
+        parts += ["", "Ours / no body loss, design by design:", "", _piped(designs)]
+    return "\n".join(parts) + "\n"
+
+
+def _piped(lines: Sequence[Sequence[str]]) -> str:
+    ruled = [lines[0], ("---",) * len(lines[0]), *lines[1:]]
+    return "\n".join("| " + " | ".join(line) + " |" for line in ruled)
