@@ -30,7 +30,9 @@ def in_processes(
                 for cell in pool.map(compute, *zip(*rest, strict=True), [options] * len(rest)):
                     yield cell
                     done += 1
-        except BrokenProcessPool:  # by any of the cells under way; what the others had finished is found again
+        except (
+            BrokenProcessPool
+        ):  # by any of the cells under way; what the others had finished is found again
             yield _alone(*asked[done], options, compute)
             done += 1
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool
 
 from fabcraft.check.wear import measure_fit, surface_samples
 from fabcraft.evaluate.reference import Picture, Reference

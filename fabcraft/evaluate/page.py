@@ -63,13 +63,17 @@ def page_html(
 
 def _heads(texts: Sequence[str]) -> str:
     """Headings; an arrow stays with its word."""
-    return "".join(f"<th>{safe(text).replace(' ↑', '&nbsp;↑').replace(' ↓', '&nbsp;↓')}</th>" for text in texts)
+    return "".join(
+        f"<th>{safe(text).replace(' ↑', '&nbsp;↑').replace(' ↓', '&nbsp;↓')}</th>" for text in texts
+    )
 
 
 def _designs(lines: Sequence[Sequence[str]]) -> str:
     if len(lines) < 2:
         return ""
-    body = "".join("<tr>" + "".join(f"<td>{safe(text)}</td>" for text in line) + "</tr>" for line in lines[1:])
+    body = "".join(
+        "<tr>" + "".join(f"<td>{safe(text)}</td>" for text in line) + "</tr>" for line in lines[1:]
+    )
     return (
         "<h2>Design by design</h2><p>Ours / no body loss.</p>"
         f'<div class="wide"><table><thead><tr>{_heads(lines[0])}</tr></thead><tbody>{body}</tbody></table></div>'
@@ -100,7 +104,7 @@ def _compared(compared: Mapping[str, float]) -> str:
         *times,
         f"deepest place {compared['pen_max_mm_ours']:.3f} mm",
         *(
-            f"{words} lower by {compared[key]:.3f}"
+            f"{words} {'lower' if compared[key] >= 0.0 else 'higher'} by {abs(compared[key]):.3f}"
             for name, words in _LIKE.items()
             if (key := f"{name}_lost") in compared
         ),

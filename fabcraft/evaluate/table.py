@@ -110,7 +110,9 @@ def by_design(cells: Sequence[Cell]) -> tuple[tuple[str, ...], ...]:
     lines = [("design", *(heading for _, heading, _ in shown))]
     for ours, without in _pairs(cells):
         both = [
-            " / ".join(form.format(one.metrics[name]) if name in one.metrics else "–" for one in (ours, without))
+            " / ".join(
+                form.format(one.metrics[name]) if name in one.metrics else "–" for one in (ours, without)
+            )
             for name, _, form in shown
         ]
         lines.append((ours.title, *both))

@@ -2,9 +2,10 @@
 
 Contacts are places on the skin that the object is to touch (CRAFT's V_c). `nearest`: each pulls the nearest place of the
 object's surface (CRAFT, L_c, measured to the surface instead of to vertices), with what is around it, to its gap; `paired`:
-each pulls one fixed place of the object to c + gap · n, n the skin's normal; squared, linear beyond 5 mm. Penetration is the hinge
-max(0, δ − s)² on the clearance δ, an area mean over vertices and face centres, s > 0 outside (CRAFT, L_p, where its
-threshold is read as a clearance so that nothing outside is pulled onto the skin). Lengths are in the optimiser's frame.
+each pulls one fixed place of the object to c + gap · n, n the skin's normal; squared, linear beyond 5 mm.
+Penetration is the hinge max(0, δ − s)² on the clearance δ, an area mean over vertices and face centres, s > 0 outside
+(CRAFT, L_p, where its threshold is read as a clearance so that nothing outside is pulled onto the skin).
+Lengths are in the optimiser's frame.
 """
 
 from collections.abc import Callable
