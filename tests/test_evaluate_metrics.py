@@ -5,9 +5,10 @@ import trimesh
 
 from fabcraft.evaluate.layers import bounds_of, layer_picture, read_layers
 from fabcraft.evaluate.metrics import clip_metrics, fit_metrics, fixed_views, likeness_metrics, overlap
-from fabcraft.evaluate.reference import Reference
+from fabcraft.evaluate.reference import Picture, Reference
 from fabcraft.geometry.distance import SurfaceDistance
-from fabcraft.mesh import Mesh
+from fabcraft.mesh import Mesh, concatenate
+from fabcraft.template.template import MotifFrame
 from fabcraft.write.camera import View
 
 
@@ -67,8 +68,42 @@ def test_likeness_is_perfect_to_itself_and_known_for_concentric_balls():
 
 def test_the_views_are_24_and_what_is_apart_does_not_overlap():
     assert len(set(fixed_views())) == 24
-    assert overlap(ball(1.0, level=3), ball(1.0, (5.0, 0.0, 0.0), 3), View(0.0)) == 0.0
-    assert overlap(ball(1.0, level=3), ball(1.0, (0.0, 5.0, 0.0), 3), View(0.0)) == 1.0
+
+    def seen_from_the_front(away):
+        pair = ball(1.0, level=3), ball(1.0, away, 3)
+        return overlap(*pair, Picture.whole(View(0.0), *pair))
+
+    assert seen_from_the_front((5.0, 0.0, 0.0)) == 0.0
+    assert seen_from_the_front((0.0, 5.0, 0.0)) == 1.0
+
+
+def frame(size_mm, reach_mm=0.0, origin=(0.0, 0.0, 0.0)):
+    return MotifFrame(
+        "front", np.array(origin), np.array([1.0, 0, 0]), np.array([0.0, 0, 1.0]), size_mm, reach_mm
+    )
+
+
+def test_the_drawings_picture_sees_the_design_and_nothing_beside_it():
+    # a temple that another wearer's ear asks for: 40 mm behind the picture, and one beside it
+    alike, other = ball(10.0), ball(10.0)
+    mesh = concatenate([alike, ball(3.0, (0.0, 40.0, 0.0)), ball(5.0, (30.0, 0.0, 0.0))], "worn")
+    inside = likeness_metrics(mesh, other, Picture.within(frame((20.0, 20.0), 2.0)))
+    assert inside["drawing_iou"] == 1.0 and inside["silhouette_iou"] < 0.9
+    # with a reach up to the one beside it, that counts too: 100 pi / 125 pi
+    wider = likeness_metrics(mesh, other, Picture.within(frame((20.0, 20.0), 30.0)))
+    assert wider["drawing_iou"] == pytest.approx(100.0 / 125.0, abs=0.02)
+
+
+def test_the_drawings_picture_is_cut_where_a_drawing_may_reach():
+    # the left half of two balls, one of which stands 20 mm to the right
+    cut = Picture.within(frame((4.0, 20.0), 3.0, (-5.0, 0.0, 0.0)))
+    assert cut.size_mm == pytest.approx([10.0, 26.0])
+    assert overlap(ball(10.0), concatenate([ball(10.0), ball(5.0, (20.0, 0.0, 0.0))], "two"), cut) == 1.0
+
+
+def test_a_picture_with_nothing_in_it_is_not_measured():
+    far = Picture.within(frame((4.0, 4.0), 0.0, (500.0, 0.0, 0.0)))
+    assert set(likeness_metrics(ball(10.0), ball(10.0), far)) == {"silhouette_iou", "chamfer_mm"}
 
 
 def test_the_score_of_an_encoder_is_a_cosine_and_repeats(tmp_path):

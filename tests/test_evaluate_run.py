@@ -1,8 +1,11 @@
 import json
+import multiprocessing
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pretended_cells
 import pytest
 import tiny_clip
 from worn import torus
@@ -13,9 +16,10 @@ from fabcraft.evaluate import cells as room
 from fabcraft.evaluate import run, suite
 from fabcraft.evaluate.cells import Cell, Options, cell_of, key_of, recipe_for
 from fabcraft.evaluate.figures import extra_cells, figures
+from fabcraft.evaluate.jobs import in_processes
 from fabcraft.evaluate.judge import judge_of
 from fabcraft.evaluate.suite import METHODS, QUICK, STAR, SUITE, chosen
-from fabcraft.evaluate.table import NO_WEIGHTS, comparison, markdown, rows_of
+from fabcraft.evaluate.table import NO_WEIGHTS, by_design, comparison, markdown, rows_of
 from fabcraft.recipe import Recipe
 from fabcraft.write.picture import png_bytes
 
@@ -167,7 +171,8 @@ def test_the_table_holds_means_worst_depth_and_shares():
     assert rows[0].designs == 2 and rows[0].note == "c, man: it broke"
     assert rows[1].note == NO_WEIGHTS and rows[1].numbers == {}
     assert "clip_cos" not in rows[0].to_dict()  # absent, never zero
-    text = markdown(rows)
+    text = markdown(rows, by_design(some))
+    assert "design by design" not in text  # no body loss has none
     assert "| ours | 2 | – |" in text and NO_WEIGHTS in text
 
 
@@ -183,7 +188,25 @@ def test_ours_is_compared_where_both_are():
     assert found["pen_rms_mm_times_smaller"] == pytest.approx(20.0)
     assert found["contact_rms_mm_times_smaller"] == pytest.approx(2.0)
     assert found["silhouette_iou_lost"] == pytest.approx(0.02)
+    assert "drawing_iou_lost" not in found
     assert comparison(some[2:]) == {"designs": 0.0}
+
+
+def test_every_design_is_shown_with_both_likenesses():
+    some = [
+        cell("ours", "a", pen_max_mm=0.01, silhouette_iou=0.90, drawing_iou=0.97),
+        cell("no-body-loss", "a", pen_max_mm=5.0, silhouette_iou=0.96, drawing_iou=0.98),
+        cell("ours", "b", pen_max_mm=0.0, silhouette_iou=0.8),
+        cell("no-body-loss", "b", pen_max_mm=1.0, silhouette_iou=0.8),
+    ]
+    found = comparison(some)
+    assert found["silhouette_iou_lost"] == pytest.approx(0.03)
+    assert found["drawing_iou_lost"] == pytest.approx(0.01)  # of the one that has a drawing
+    heads, first, second = by_design(some)
+    assert heads[:2] == ("design", "deepest, mm ↓") and "drawing IoU ↑" in heads
+    assert first == ("a, man", "0.01 / 5.00", "– / –", "0.900 / 0.960", "0.970 / 0.980", "– / –", "– / –")
+    assert second[4] == "– / –"
+    assert "| a, man | 0.01 / 5.00 |" in markdown(rows_of(some), by_design(some))
 
 
 @pytest.fixture
@@ -234,6 +257,7 @@ def test_everything_is_written_and_said(pretended, capsys):
         assert (pretended / name).stat().st_size > 100 and str(pretended / name) in answer["files"]
     page = (pretended / "index.html").read_text()
     assert "http" not in page.replace("http-equiv", "") and "<b>are" not in page
+    assert "<td>cat-mask, man</td>" in page.split("<h2>Design by design</h2>")[1]
     assert page.count("Not there:") == 2 and page.count("<img ") == 7
     manifest = json.loads((pretended / "manifest.json").read_text())
     assert manifest["seed"] == 0 and "numpy" in manifest["libraries"] and len(manifest["keys"]) == whole
@@ -323,3 +347,22 @@ def test_a_run_that_is_stopped_says_how_to_go_on(pretended, monkeypatch, capsys)
     monkeypatch.setattr(run, "cell_of", stopped)
     assert main(["evaluate", "-o", str(pretended)]) == 130
     assert "the same command goes on" in capsys.readouterr().err
+
+
+def test_a_process_that_dies_costs_its_own_cell_alone(tmp_path):
+    asked = [(method, STAR) for method in ("template", "dies", "ours")]
+    found = list(in_processes(asked, Options(tmp_path), 1, pretended_cells.pretended))
+    assert [cell.method for cell in found] == ["template", "dies", "ours"]
+    assert [bool(cell.error) for cell in found] == [False, True, False]
+    assert "was ended" in found[1].error and "--only dies/star-ring" in found[1].next_step
+
+
+def test_processes_end_when_the_run_is_stopped(tmp_path):
+    before = set(multiprocessing.active_children())
+    asked = [("template", STAR), ("slow", STAR)]
+    told = in_processes(asked, Options(tmp_path), 1, pretended_cells.pretended)
+    assert next(told).method == "template"
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        told.throw(KeyboardInterrupt())
+    assert time.monotonic() - start < 20.0 and set(multiprocessing.active_children()) <= before

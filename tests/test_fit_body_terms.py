@@ -90,6 +90,44 @@ def test_a_contact_that_is_met_costs_exactly_nothing():
     assert float(value.detach()) == 0.0 and bool(torch.isfinite(state.positions.grad).all())
 
 
+def nearest_to(point, normal, gap_mm):
+    """The cost and the pull (V, 3) of one nearest contact on the object where it is, mm."""
+    contacts = ContactSet(np.array([point]), np.array([normal]), np.array([gap_mm]), np.ones(1))
+    state = at([0.0, 0.0, 0.0])
+    value = contact_term(contacts, OBJECT.faces, FRAME)(state)
+    value.backward()
+    return float(value.detach()) / FRAME.scale**2, -state.positions.grad.numpy()
+
+
+def test_a_nearest_contact_asks_for_its_gap_and_not_for_a_place():
+    # 3 mm from the ball, while the skin's normal points past it
+    top = OBJECT.vertices[np.argmax(OBJECT.vertices[:, 2])]
+    point = top * (1.0 + 3.0 / np.linalg.norm(top))
+    beside = np.cross(top, [0.0, 1.0, 0.0])
+    towards = 0.3 * -top / np.linalg.norm(top) + beside / np.linalg.norm(beside)
+    normal = towards / np.linalg.norm(towards)
+    assert nearest_to(point, normal, 3.0)[0] == pytest.approx(0.0, abs=1e-4)
+    cost, pull = nearest_to(point, normal, 1.0)
+    assert cost == pytest.approx(4.0, rel=1e-2) and pull.sum(0) @ top > 0.0
+
+
+def test_a_nearest_contact_in_the_skin_moves_the_object_out_of_it():
+    # the object reaches 2 mm beyond the skin's place, which looks up: the way is up, not farther in
+    bottom = OBJECT.vertices[np.argmin(OBJECT.vertices[:, 2])]
+    cost, pull = nearest_to(bottom * 0.75, -bottom / np.linalg.norm(bottom), 1.0)
+    assert cost == pytest.approx(9.0, rel=0.05) and pull.sum(0) @ -bottom > 0.0
+
+
+def test_a_nearest_contact_draws_no_thorn_out_of_the_object():
+    top = OBJECT.vertices[np.argmax(OBJECT.vertices[:, 2])]
+    cost, pull = nearest_to(top * 1.2, -top / np.linalg.norm(top), 0.0)
+    moved = np.linalg.norm(pull, axis=1)
+    assert cost > 0.0 and (moved > 0.0).sum() == 48
+    assert moved[moved > 0.0] == pytest.approx(moved.max(), rel=1e-3)  # all alike, as one patch
+    far = np.linalg.norm(OBJECT.vertices - top, axis=1) > 10.0
+    assert not moved[far].any()
+
+
 def test_huber_is_the_square_and_then_a_line():
     squared = torch.tensor([0.0, 0.04, 4.0], dtype=torch.float64, requires_grad=True)
     found = huber(squared, 0.5)

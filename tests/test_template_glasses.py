@@ -31,6 +31,7 @@ def test_glasses_keep_what_their_template_lists():
     assert_seated(glasses, face)
     assert_comes_off(glasses)
     assert_frames_look_outward(glasses, face)
+    assert not glasses.holds  # temples follow the ears by their contacts
 
 
 def test_rims_and_temples_are_as_thick_as_listed():

@@ -30,6 +30,7 @@ def test_a_necklace_keeps_what_its_template_lists(style):
     assert_seated(necklace, neck)
     assert_comes_off(necklace)
     assert_frames_look_outward(necklace, neck)
+    assert necklace.holds == (style == "closed")  # the head goes through it
 
 
 def test_it_rests_on_the_body():

@@ -50,6 +50,7 @@ def test_closed_it_is_a_ring_without_slots():
     assert closed.genus == 1
     assert_sound(closed)
     assert closed.straps == ()
+    assert closed.holds and not built("visor", "child").holds  # the head goes through a ring
 
 
 def test_the_elastic_has_a_slot_at_either_end_of_an_open_band():

@@ -32,7 +32,7 @@ from fabcraft.write.maps import evolution_strip, penetration_map
 from fabcraft.write.picture import png_bytes
 from fabcraft.write.wardrobe import worn_picture
 
-SCHEMA = 2
+SCHEMA = 3
 """Raised when what a cell keeps, or how it is computed, changes."""
 SIZE = (420, 420)
 MAP_MM = 3.0
@@ -208,7 +208,7 @@ def _measured(made: Made, reference: Reference, design: Design, options: Options
     one = made.worn.object or made.object
     reported = made.report.metrics
     found: dict[str, Any] = {name: reported[name] for name in _REPORTED if reported.get(name) is not None}
-    found |= fit_metrics(one, reference) | likeness_metrics(one, reference.goal)
+    found |= fit_metrics(one, reference) | likeness_metrics(one, reference.goal, reference.picture)
     if options.judge:
         found |= clip_metrics(one, design.prompt, _judge(options.judge))
     plain = {name: value if isinstance(value, bool) else float(value) for name, value in found.items()}

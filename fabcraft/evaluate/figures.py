@@ -170,7 +170,7 @@ def _sliced(found: Mapping[tuple[str, str], Cell], out: Path) -> Figure:
     name, title, caption = (
         "sliced",
         "Fabricated",
-        "Layers of the G-code, from above: walls, infill and supports.",
+        "Layers of the G-code, from above: walls blue, infill orange, supports grey.",
     )
     profile = load_profile("prusa-mk4")
     pictures, labels, why = [], [], "its cells were not asked for"

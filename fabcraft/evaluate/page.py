@@ -25,23 +25,26 @@ img { max-width: 100%; border: 1px solid #e4e7eb; border-radius: 8px; background
 .why { color: #8a5a00; } dt { font-weight: 600; } dd { margin: 0 0 6px; }
 """
 _TIMES = {"pen_rms_mm": "depth", "pen_volume_mm3": "volume inside", "contact_rms_mm": "contact distance"}
+_LIKE = {"silhouette_iou": "silhouette IoU over 24 views", "drawing_iou": "IoU in the drawing's own picture"}
 
 
 def page_html(
     rows: Sequence[Row],
     compared: Mapping[str, float],
+    designs: Sequence[Sequence[str]],
     figures: Sequence[Figure],
     pngs: Mapping[str, bytes],
     manifest: Mapping[str, Any],
 ) -> str:
-    """The page.  pngs : the figures' pictures by name."""
-    heads = "".join(f"<th>{safe(text)}</th>" for text in ("method", "designs", *(one[1] for one in COLUMNS)))
+    """The page.  designs : lines of `by_design`.  pngs : the figures' pictures by name."""
+    heads = _heads(("method", "designs", *(one[1] for one in COLUMNS)))
     body = [
         "<h1>Comparison of methods</h1>",
         f"<p>fabcraft {safe(str(manifest['version']))}, preset {safe(str(manifest['preset']))}, seed {manifest['seed']}: "
         f"{manifest['cells']} cells. Means over the designs; “deepest” is the worst of all. – was not measured.</p>",
         f'<div class="wide"><table><thead><tr>{heads}</tr></thead><tbody>{"".join(map(_row, rows))}</tbody></table></div>',
         _compared(compared),
+        _designs(designs),
         *(_figure(one, pngs.get(one.name)) for one in figures),
         "<h2>Manifest</h2><dl>",
         *(f"<dt>{safe(str(name))}</dt><dd>{safe(str(value))}</dd>" for name, value in manifest.items()),
@@ -55,6 +58,25 @@ def page_html(
         f"<title>fabcraft: comparison of methods</title>\n<style>{_STYLE}</style>\n<main>\n"
         + "\n".join(body)
         + "\n</main></html>\n"
+    )
+
+
+def _heads(texts: Sequence[str]) -> str:
+    """Headings; an arrow stays with its word."""
+    return "".join(
+        f"<th>{safe(text).replace(' ↑', '&nbsp;↑').replace(' ↓', '&nbsp;↓')}</th>" for text in texts
+    )
+
+
+def _designs(lines: Sequence[Sequence[str]]) -> str:
+    if len(lines) < 2:
+        return ""
+    body = "".join(
+        "<tr>" + "".join(f"<td>{safe(text)}</td>" for text in line) + "</tr>" for line in lines[1:]
+    )
+    return (
+        "<h2>Design by design</h2><p>Ours / no body loss.</p>"
+        f'<div class="wide"><table><thead><tr>{_heads(lines[0])}</tr></thead><tbody>{body}</tbody></table></div>'
     )
 
 
@@ -81,9 +103,14 @@ def _compared(compared: Mapping[str, float]) -> str:
     said = [
         *times,
         f"deepest place {compared['pen_max_mm_ours']:.3f} mm",
-        f"silhouette IoU lower by {compared['silhouette_iou_lost']:.3f}",
+        *(
+            f"{words} {'lower' if compared[key] >= 0.0 else 'higher'} by {abs(compared[key]):.3f}"
+            for name, words in _LIKE.items()
+            if (key := f"{name}_lost") in compared
+        ),
     ]
-    return f"<p>Ours against no body loss, {compared['designs']:.0f} designs: {safe('; '.join(said))}.</p>"
+    count = f"{compared['designs']:.0f} design" + ("" if compared["designs"] == 1.0 else "s")
+    return f"<p>Ours against no body loss, {count}: {safe('; '.join(said))}.</p>"
 
 
 def _figure(figure: Figure, png: bytes | None) -> str:

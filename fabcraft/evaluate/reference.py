@@ -18,10 +18,43 @@ from fabcraft.pipeline import make
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import evened
 from fabcraft.road.guided import SHEET_WALL_MM, goal_on, rest_of
+from fabcraft.road.motif import frame_of
+from fabcraft.template.template import MotifFrame, Template
 from fabcraft.wearer import find_body
+from fabcraft.write.camera import VIEWS, View
 
 THIN_MM = 0.35
 """Radius of the thin bangle's tube."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A rectangle of a plane, looked at squarely from far away, mm."""
+
+    axes: Float64[np.ndarray, "2 3"]
+    """Unit vectors to the right and up."""
+    lower: Float64[np.ndarray, "2"]
+    upper: Float64[np.ndarray, "2"]
+    """Corners along the axes."""
+
+    @property
+    def size_mm(self) -> Float64[np.ndarray, "2"]:
+        """Width and height."""
+        return self.upper - self.lower
+
+    @staticmethod
+    def whole(view: View, *meshes: Mesh) -> "Picture":
+        """All of the meshes, seen along `view`."""
+        axes = np.ascontiguousarray(view.axes[:2])
+        flat = np.concatenate([mesh.vertices @ axes.T for mesh in meshes])
+        return Picture(axes, flat.min(0), flat.max(0))
+
+    @staticmethod
+    def within(frame: MotifFrame) -> "Picture":
+        """What a drawing may fill in a motif frame: its size, and its reach on every side."""
+        axes = np.stack([frame.right, frame.up])
+        half = 0.5 * np.array(frame.size_mm) + frame.reach_mm
+        return Picture(axes, axes @ frame.origin - half, axes @ frame.origin + half)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +66,8 @@ class Reference:
     gaps_mm: Float64[np.ndarray, " C"] | float
     goal: Mesh
     """The guidance mesh, aligned with the template."""
+    picture: Picture | None = None
+    """Where the drawing lies on this wearer's template; None for a guidance mesh that no drawing gave."""
 
 
 def reference_of(design: Design, guidance: Mesh) -> Reference:
@@ -44,9 +79,17 @@ def reference_of(design: Design, guidance: Mesh) -> Reference:
     template, rest = rest_of(recipe, find_body(design.body))
     body = SurfaceDistance(template.body.mesh)
     worn = worn_solid(rest, template, body)
-    return Reference(
-        body, worn.contacts, worn.gaps_mm, goal_on(guidance, rest, recipe, template, body)[0].mesh
-    )
+    gaps = 0.0 if worn.contacts is None else SurfaceDistance(rest).closest(worn.contacts).distances
+    goal = goal_on(guidance, rest, recipe, template, body)[0].mesh
+    return Reference(body, worn.contacts, gaps, goal, _picture(design, template, goal))
+
+
+def _picture(design: Design, template: Template, goal: Mesh) -> Picture | None:
+    if design.shape:
+        return None
+    if template.kind == "sheet":  # drawn as a whole, from the front
+        return Picture.whole(VIEWS["front"], goal, template.mesh)
+    return Picture.within(frame_of(template, "", design.reading))
 
 
 def guidance_recipe(design: Design) -> Recipe | None:

@@ -11,21 +11,20 @@ import json
 import platform
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import get_context
 from typing import Any
 
 from fabcraft import __version__
 from fabcraft.errors import InputError
 from fabcraft.evaluate.cells import Cell, Options, cell_of
 from fabcraft.evaluate.figures import Figure, extra_cells, figures
+from fabcraft.evaluate.jobs import in_processes
 from fabcraft.evaluate.page import page_html
 from fabcraft.evaluate.reference import guidance_recipe
 from fabcraft.evaluate.study import items_of, key_json, study_page
 from fabcraft.evaluate.suite import BODIES, JOINT, SUITE, TARGETS, Design, chosen
-from fabcraft.evaluate.table import Row, comparison, markdown, rows_of
+from fabcraft.evaluate.table import Row, by_design, comparison, markdown, rows_of
 from fabcraft.recipe import Recipe
 from fabcraft.write.atomic import write_atomically
 from fabcraft.write.picture import png_bytes
@@ -109,22 +108,11 @@ def _computed(
 ) -> tuple[Cell, ...]:
     """The cells in the order asked for; what is done stays when it is stopped."""
     cells: list[Cell] = []
-
-    def take(cell: Cell) -> None:
+    found = (cell_of(*one, options) for one in asked) if jobs == 1 else in_processes(asked, options, jobs)
+    for cell in found:
         cells.append(cell)
         if told is not None:
             told(cell, len(cells), len(asked))
-
-    if jobs == 1:
-        for method, design in asked:
-            take(cell_of(method, design, options))
-        return tuple(cells)
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        # the first cell of a design makes its guidance mesh, which the others read
-        first = {design.name.partition("@")[0]: (method, design) for method, design in reversed(asked)}
-        list(pool.map(cell_of, *zip(*first.values(), strict=True), [options] * len(first)))
-        for cell in pool.map(cell_of, *zip(*asked, strict=True), [options] * len(asked)):
-            take(cell)
     return tuple(cells)
 
 
@@ -155,14 +143,15 @@ def _written(
         "keys": {f"{one.method}/{one.design}": one.key for one in cells},
     }
     prompts = {design.name: design.prompt for design in (*SUITE, *TARGETS, *BODIES, *JOINT)}
+    designs = by_design(cells[:in_table])
     items = items_of(cells[:in_table], prompts, out, options.seed)
     said = {"table": [row.to_dict() for row in rows], "ours_against_no_body_loss": compared}
     shown = {name: value for name, value in manifest.items() if name != "keys"}
     texts = {
         "table.json": json.dumps(said, indent=1, allow_nan=False) + "\n",
-        "table.md": markdown(rows),
+        "table.md": markdown(rows, designs),
         "manifest.json": json.dumps(manifest, indent=1) + "\n",
-        "index.html": page_html(rows, compared, drawn, pngs, shown),
+        "index.html": page_html(rows, compared, designs, drawn, pngs, shown),
         "study/study.html": study_page(items),
         "study/study-key.json": key_json(items),
     }

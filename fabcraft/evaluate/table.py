@@ -24,12 +24,15 @@ COLUMNS = (
     ("contact_rms_mm", "contact rms, mm ↓", "{:.2f}"),
     ("contact_within_1mm_pct", "contact within 1 mm, % ↑", "{:.0f}"),
     ("silhouette_iou", "silhouette IoU ↑", "{:.3f}"),
+    ("drawing_iou", "drawing IoU ↑", "{:.3f}"),
     ("chamfer_mm", "chamfer, mm ↓", "{:.2f}"),
     ("wall_min_mm", "thinnest wall, mm ↑", "{:.2f}"),
     ("wall_ok_share", "wall kept, % ↑", "{:.0%}"),
     ("donnable", "can be put on ↑", "{:.0%}"),
 )
 """(name, heading, how it is written)."""
+PER_DESIGN = ("pen_max_mm", "contact_rms_mm", "silhouette_iou", "drawing_iou", "chamfer_mm", "wall_min_mm")
+"""What is shown of every design, ours against no body loss."""
 NO_WEIGHTS = "not measured: weights absent, fabcraft weights fetch"
 
 
@@ -90,9 +93,30 @@ def comparison(cells: Sequence[Cell]) -> dict[str, float]:
         if ours > 0.0:
             found[f"{name}_times_smaller"] = without / ours
     found["pen_max_mm_ours"] = max(float(a.metrics["pen_max_mm"]) for a, _ in pairs)
-    lost = [float(b.metrics["silhouette_iou"]) - float(a.metrics["silhouette_iou"]) for a, b in pairs]
-    found["silhouette_iou_lost"] = float(np.mean(lost))
+    for name in ("silhouette_iou", "drawing_iou"):
+        lost = [
+            float(b.metrics[name]) - float(a.metrics[name])
+            for a, b in pairs
+            if name in a.metrics and name in b.metrics
+        ]
+        if lost:
+            found[f"{name}_lost"] = float(np.mean(lost))
     return found
+
+
+def by_design(cells: Sequence[Cell]) -> tuple[tuple[str, ...], ...]:
+    """A line in words for every design that has both, ours / no body loss; the first line is the headings."""
+    shown = [column for column in COLUMNS if column[0] in PER_DESIGN]
+    lines = [("design", *(heading for _, heading, _ in shown))]
+    for ours, without in _pairs(cells):
+        both = [
+            " / ".join(
+                form.format(one.metrics[name]) if name in one.metrics else "–" for one in (ours, without)
+            )
+            for name, _, form in shown
+        ]
+        lines.append((ours.title, *both))
+    return tuple(lines)
 
 
 def _pairs(cells: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
@@ -111,9 +135,16 @@ def written(row: Row) -> tuple[str, ...]:
     return (WORDS[row.method], str(row.designs), *cells)
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """The table as Markdown, with a line for every note."""
+def markdown(rows: Sequence[Row], designs: Sequence[Sequence[str]]) -> str:
+    """The table as Markdown, with a line for every note, and below it `designs` (`by_design`)."""
     head = ("method", "designs", *(heading for _, heading, _ in COLUMNS))
-    lines = [head, ("---",) * len(head), *map(written, rows)]
     notes = [f"- {WORDS[row.method]}: {row.note}" for row in rows if row.note]
-    return "\n".join([*("| " + " | ".join(line) + " |" for line in lines), "", *notes]) + "\n"
+    parts = [_piped([head, *map(written, rows)]), "", *notes]
+    if len(designs) > 1:
+        parts += ["", "Ours / no body loss, design by design:", "", _piped(designs)]
+    return "\n".join(parts) + "\n"
+
+
+def _piped(lines: Sequence[Sequence[str]]) -> str:
+    ruled = [lines[0], ("---",) * len(lines[0]), *lines[1:]]
+    return "\n".join("| " + " | ".join(line) + " |" for line in ruled)

@@ -1,10 +1,11 @@
 """How an object sits on a body, as terms of the energy and as numbers: contacts and penetration, for any mesh.
 
 Contacts are places on the skin that the object is to touch (CRAFT's V_c). `nearest`: each pulls the nearest place of the
-object's surface (CRAFT, L_c, measured to the surface instead of to vertices); `paired`: each pulls one fixed place of the
-object. Both ask for c + gap · n, n the skin's normal; squared, linear beyond 5 mm. Penetration is the hinge
-max(0, δ − s)² on the clearance δ, an area mean over vertices and face centres, s > 0 outside (CRAFT, L_p, where its
-threshold is read as a clearance so that nothing outside is pulled onto the skin). Lengths are in the optimiser's frame.
+object's surface (CRAFT, L_c, measured to the surface instead of to vertices), with what is around it, to its gap; `paired`:
+each pulls one fixed place of the object to c + gap · n, n the skin's normal; squared, linear beyond 5 mm.
+Penetration is the hinge max(0, δ − s)² on the clearance δ, an area mean over vertices and face centres, s > 0 outside
+(CRAFT, L_p, where its threshold is read as a clearance so that nothing outside is pulled onto the skin).
+Lengths are in the optimiser's frame.
 """
 
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import igl
 import numpy as np
 import torch
 from jaxtyping import Float, Float64, Int, Int64
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from fabcraft.errors import InputError
@@ -26,6 +28,8 @@ from fabcraft.geometry.sampling import area_samples, corner_weights
 from fabcraft.mesh import Mesh
 
 HUBER_MM = 5.0
+_AROUND = 48
+"""Vertices that a `nearest` contact moves together, about three edges around and through a thin wall or tube."""
 _SLACK_MM = 0.2  # within this a distance may be carried on along its gradient
 
 
@@ -163,22 +167,34 @@ def contact_term(
     frame: Frame,
     device: torch.device | str = "cpu",
 ) -> Callable[[State], Tensor]:
-    """Weighted mean of the squared distance, linear beyond 5 mm, of every contact's target to its place of the object."""
-    targets = torch.from_numpy(frame.inside(contacts.targets_mm)).float()
-    wanted = targets.double().numpy()
-    targets = targets.to(device)
+    """Weighted mean of the squared distance, linear beyond 5 mm, of every contact's place of the object to its target.
+
+    A `nearest` one asks for the gap alone: what is that far from the skin may lie beside it as well as before it.
+    """
+    pairs = None if contacts.faces is None or contacts.places is None else (contacts.faces, contacts.places)
+    wanted = frame.inside(contacts.points if pairs is None else contacts.targets_mm)
+    targets = torch.from_numpy(wanted).float().to(device)
     weights = torch.from_numpy(contacts.weights / contacts.weights.sum()).float().to(device)
+    gaps = torch.from_numpy(contacts.gaps_mm * frame.scale).float().to(device)[:, None]
+    looks = torch.from_numpy(contacts.normals).float().to(device)
     knee = HUBER_MM * frame.scale
     index = np.ascontiguousarray(faces, dtype=np.int64)
 
     def contact(state: State) -> Tensor:
-        if contacts.faces is None or contacts.places is None:
-            owner, places = _nearest_places(wanted, state.positions.detach().double().cpu().numpy(), index)
-        else:
-            owner, places = contacts.faces, contacts.places
+        now = state.positions.detach().double().cpu().numpy()
+        owner, places = pairs or _nearest_places(wanted, now, index)
         corners = state.positions[torch.from_numpy(index[owner]).to(device)]
         held = (torch.from_numpy(places).to(corners)[:, :, None] * corners).sum(1)
-        return (weights * huber(((held - targets) ** 2).sum(1), knee)).sum()
+        if pairs is not None:
+            return (weights * huber(((held - targets) ** 2).sum(1), knee)).sum()
+        away = torch.nn.functional.normalize(held.detach() - targets, dim=1, eps=1e-12)
+        outside = ((away * looks).sum(1) > 0.0)[:, None]  # from within the skin, the way is along its normal
+        asked = targets + gaps * torch.where(outside, away, looks)
+        # where the place is, moved as its surroundings move: pulled alone, it would be drawn out to a thorn
+        around = cKDTree(now).query(held.detach().double().cpu().numpy(), min(_AROUND, len(now)))[1]
+        middles = state.positions[torch.from_numpy(around.astype(np.int64)).to(device)].mean(1)
+        held = held.detach() + (middles - middles.detach())
+        return (weights * huber(((held - asked) ** 2).sum(1), knee)).sum()
 
     return contact
 

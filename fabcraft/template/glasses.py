@@ -98,6 +98,7 @@ def build(body: Body, settings: Settings) -> Template:
         edge_mm=edge,
         path=DonningPath(path, spread, f"each temple spreads by {spread:.0f} mm"),
         locked=_behind(mesh, front),
+        holds=False,
         mirrored=True,
         motifs=_frames(front, face.scale),
         listed_mm=(0.0, face.part.clearance_mm(HEAD_MM)),

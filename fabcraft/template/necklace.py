@@ -79,6 +79,7 @@ def build(body: Body, settings: Settings) -> Template:
         donning=(0.0, -1.0, 0.0) if open_ else (0.0, 0.0, 1.0),
         path=path,
         locked=_inner(mesh, rolled, neck),
+        holds=not open_,
         mirrored=True,
         motifs=frames,
         listed_mm=(neck.part.clearance_mm(RESTING_MM), play),

@@ -172,6 +172,10 @@ class Template:
     """How it comes off where that is no straight way along `donning`."""
     locked: Bool[np.ndarray, " _"] | None = None
     """(F,) of a solid, the faces that meet the body and keep their shape."""
+    holds: bool = True
+    """Whether a fit keeps the locked faces as they were built, as a bore that something goes through.  What hooks, hangs or
+    is strapped on sits by its contacts and its clearance; held too, it would bend, thin and lose the design's horns where
+    guidance made for another body has its inner side elsewhere."""
     mirrored: bool = False
     """Symmetric to the plane x = 0 of the body."""
     pair: bool = False

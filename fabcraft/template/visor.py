@@ -203,6 +203,7 @@ def build(body: Body, settings: Settings) -> Template:
         donning=tuple(axis.tolist()),
         path=lifted_off(part, mesh.vertices, axis, "the band and the skin give a little"),
         locked=inside & _on_band(visor, mesh),
+        holds=not open_,
         mirrored=True,
         motifs=_motifs(visor),
         straps=_straps(visor),
