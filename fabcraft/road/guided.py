@@ -51,10 +51,9 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     with clock.stage("guidance"):
         row = _method(recipe, template)
         settings = row.settings
-        seat = locked_of(template, distance) if row.locked else None
-        locked = seat if template.holds else None
-        if seat is not None:
-            # a solid's fit is mended exactly after the loop: no need to turn the guidance down
+        locked = locked_of(template, distance) if row.locked and template.holds else None
+        if settings.settle:
+            # the fit is mended exactly after the loop: no need to turn the guidance down
             settings = replace(settings, guidance_then=1.0)
         guidance: list["Guide"] = []
         route: tuple[str, ...]
