@@ -15,6 +15,7 @@ from fabcraft.geometry.along import face_distances
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by, seated
 from fabcraft.guidance.clean import cleaned
+from fabcraft.guidance.openings import opened
 from fabcraft.judge import nearest_tenth, worn_solid
 from fabcraft.mesh import Mesh, concatenate
 from fabcraft.profile import PrinterProfile
@@ -185,6 +186,8 @@ def goal_on(
     if placed is not None:
         return laid_on(clean.mesh, rest, placed), clean.notes
     found = aligned(clean.mesh, rest, recipe.force)
+    if template.kind == "sheet":
+        return opened(found, rest), clean.notes
     locked = locked_of(template, distance)
     return (found if locked is None else seated(found, rest.submesh(locked))), clean.notes
 
