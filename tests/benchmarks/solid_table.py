@@ -126,6 +126,7 @@ def row(
 
 def sliced(mesh: Mesh, profile: PrinterProfile) -> str:
     """What PrusaSlicer makes of it at full infill: laid over volume, or why not."""
+    mesh = mesh.with_vertices(mesh.vertices - mesh.bounds[0])
     roomy = replace(profile, build_mm=tuple(np.maximum(profile.build_mm, mesh.size_mm + 20.0)))
     # resin's supports cannot be told from the part; what stands on a corner is not begun without any
     answer = ask_slicer(mesh, roomy, supports=profile.process == "fdm", infill_percent=100)
