@@ -12,6 +12,7 @@ from jaxtyping import Float64
 
 from fabcraft.evaluate.suite import Design, drawing_of
 from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.guidance.placement import PlacementSettings
 from fabcraft.judge import worn_solid
 from fabcraft.mesh import Mesh
 from fabcraft.pipeline import make
@@ -104,6 +105,7 @@ def guidance_recipe(design: Design) -> Recipe | None:
         method="direct",
         strap_slots=False,
         wall_mm=wall,
+        placement=PlacementSettings(scale=design.scale),
         **drawing_of(design),
     )
 

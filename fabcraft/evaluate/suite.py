@@ -53,6 +53,8 @@ class Design:
     made_for: str = "woman"
     """Whose body the guidance mesh is made for."""
     reading: Literal["", "object", "motif"] = ""
+    scale: float = 1.0
+    """Of the drawing on the guidance mesh: a wall that is thick enough to bend well needs more room around the eyes."""
     shape: Literal["", "thin bangle", "closed helmet"] = ""
     """A guidance mesh that is no drawing: what a refinement of the guidance alone cannot mend."""
 
@@ -71,7 +73,7 @@ SUITE = (
     Design("rose-necklace", "necklace", "a rose necklace", body="child", reading="object"),
     Design("star-ring", "ring", "a star ring", "objects/star.png"),
     Design("bunny-slippers", "slippers", "bunny slippers", "bunny.png", "child"),
-    Design("butterfly-mask", "mask", "a butterfly mask", "butterfly.png", "child"),
+    Design("butterfly-mask", "mask", "a butterfly mask", "butterfly.png", "child", scale=1.25),
     Design("fox-mask", "mask", "a fox mask", "fox.png", "dinosaur"),
     Design("owl-ring", "ring", "an owl ring", "owl.png", "child"),
     Design("star-bangle", "bangle", "a star bangle", "objects/star.png", "dinosaur"),
