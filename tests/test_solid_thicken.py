@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from nasty import box
 from scipy.spatial import cKDTree
 
 from fabcraft.check.sharp import measure_sharp_edges
@@ -306,3 +307,13 @@ def test_the_same_surface_gives_the_same_bytes():
     first, second = solidify(mask_sheet(), WALL).mesh, solidify(mask_sheet(), WALL).mesh
     assert first.vertices.tobytes() == second.vertices.tobytes()
     assert first.faces.tobytes() == second.faces.tobytes()
+
+
+def test_a_wall_that_is_inside_out_in_places_is_no_less_material():
+    plate = split_edges(box(40.0, 40.0, 2.0), 2.0)
+    top = (plate.vertices[:, 2] > 0.5) & (np.linalg.norm(plate.vertices[:, :2], axis=1) < 10.0)
+    crossed = plate.with_vertices(plate.vertices - np.outer(4.0 * top, [0.0, 0.0, 1.0]))
+    made = solidify(crossed, SolidSettings(wall_mm=1.2)).mesh
+    asked = np.array([[0.0, 0.0, -2.0], [15.0, 15.0, 0.0], [0.0, 0.0, 0.5]])
+    assert SurfaceDistance(made).inside(asked).tolist() == [True, True, False]
+    assert len(self_intersecting_faces(made)) == 0

@@ -25,6 +25,7 @@ from fabcraft.fit.remesh import carried, refine, slivers
 from fabcraft.fit.settle import clear, reseated, settle_rigidly
 from fabcraft.fit.shape_terms import lock_weights, shape_terms
 from fabcraft.fit.views import Guide, ViewBank, guidance_chunks, prepare
+from fabcraft.fit.walls import kept_apart
 from fabcraft.geometry.device import device_of
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.frame import Frame
@@ -272,8 +273,14 @@ def _settled(now: _Object, scene: _Scene) -> tuple[Mesh, float, float]:
     if scene.body is None:
         return seated, 0.0, back
     settled = settle_rigidly(seated, scene.body, wanted)
-    pushed, most = clear(settled.mesh, scene.body, wanted, spread)
-    return pushed, float(np.linalg.norm(settled.shift_mm)), max(back, most)
+    made, most = clear(settled.mesh, scene.body, wanted, spread)
+    if scene.settings.wall_mm > 0.0:
+        made, apart = kept_apart(made, now.origin, scene.body, scene.settings.wall_mm, spread)
+        if apart > 0.0:
+            made, _ = reseated(made, now.origin, now.lock, spread)
+            made, again = clear(made, scene.body, wanted, spread)
+            most = max(most, apart, again)
+    return made, float(np.linalg.norm(settled.shift_mm)), max(back, most)
 
 
 def _median_edge(mesh: Mesh) -> float:

@@ -100,6 +100,8 @@ class DeformSettings:
     """Tie the parts of a template of several pieces to each other, softly."""
     settle: bool = True
     """After the loop, bring locked faces back, settle and push out, so that seat and clearance are promises."""
+    wall_mm: float = 0.0
+    """What settling keeps between the side that looks at the body and the one behind it; 0: not looked at."""
 
     def __post_init__(self) -> None:
         counts = {"steps": self.steps, "views": self.views, "bank": self.bank, "chunk": self.chunk}

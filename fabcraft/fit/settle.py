@@ -86,7 +86,7 @@ def reseated(
         return mesh, 0.0
     rows = np.unique(held)
     built = SurfaceDistance(Mesh(origin, held))
-    spread = _spreading(mesh, spread_mm)
+    spread = spreading(mesh, spread_mm)
     points, first = mesh.vertices.copy(), 0.0
     for rounds in range(_RESEATED):
         found = built.closest(points[rows])
@@ -141,7 +141,7 @@ def push_out(
 
     wanted_mm : distance to the skin per vertex.  spread_mm : how wide a push is felt.
     """
-    spread = _spreading(sheet, spread_mm)
+    spread = spreading(sheet, spread_mm)
     points, largest = sheet.vertices.copy(), 0.0
     for _ in range(rounds):
         missing, direction = _missing(points, sheet.faces, distance, wanted_mm)
@@ -156,7 +156,7 @@ def push_out(
     return sheet.with_vertices(points), largest
 
 
-def _spreading(
+def spreading(
     mesh: Mesh, spread_mm: float
 ) -> Callable[[Float64[np.ndarray, "V 3"]], Float64[np.ndarray, "V 3"]]:
     """What spreads moves of single vertices over about `spread_mm` and keeps their mean: (M + r² L) x = M b, a screened

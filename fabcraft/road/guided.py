@@ -51,7 +51,8 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         distance = SurfaceDistance(template.body.mesh)
     with clock.stage("guidance"):
         row = _method(recipe, template)
-        settings = row.settings
+        least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
+        settings = replace(row.settings, wall_mm=least_mm)
         locked = locked_of(template, distance) if row.locked and template.holds else None
         if settings.settle:
             # the fit is mended exactly after the loop: no need to turn the guidance down
@@ -90,7 +91,6 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
     with clock.stage("solid"):
         notes: tuple[str, ...] = ()
         if recipe.method in ("", "ours"):
-            least_mm = max(profile.min_wall_mm, profile.min_wall_supported_mm)
             solid = solidify(made.mesh, SolidSettings(wall_mm=least_mm, clearance_mm=0.0), distance)
             notes = solid.notes
             one, object_ = finished(solid.mesh, template, recipe)

@@ -33,7 +33,7 @@ from fabcraft.solid.thin import ThinSpots, thin_spots
 
 _MOST_NODES = 120e6
 _FINEST_MM = 0.05
-_PATIENCE, _COARSER = 200_000, 1 / 2.4
+_PATIENCE, _COARSER = 200_000, 0.5
 """Above so many cells over a surface they grow, to that share of the wall: a flat wall comes out as exact, a rim rounder."""
 _CHORD_MM = 0.03
 _REFINED_MM = 4.0
@@ -250,13 +250,24 @@ class _Work:
             firm = cKDTree(samples(thin.firm.corners, self.cell_mm)[0], balanced_tree=False)
         reach = self.settings.wall_mm + 3.0 * self.cell_mm
 
+        def holds(points: np.ndarray) -> np.ndarray:
+            # where one side of a wall has gone through the other it is inside out, and no less material
+            return np.abs(inside.winding(points)) > 0.5
+
+        def signed(points: np.ndarray) -> np.ndarray:
+            return np.where(holds(points), -1.0, 1.0) * inside.closest(points).distances
+
         def field(points: np.ndarray) -> np.ndarray:
             if wall is None:
-                return inside.signed(points)
+                return signed(points)
             value = wall(points)
             if firm is not None:
-                asked = np.isfinite(firm.query(points, distance_upper_bound=reach, workers=2)[0])
-                value[asked] = np.minimum(value[asked], inside.signed(points[asked]))
+                near = np.isfinite(firm.query(points, distance_upper_bound=reach, workers=2)[0])
+                value[near] = np.minimum(value[near], signed(points[near]))
+                # where skins cross, what is thick may pass for thin: what the wall leaves out is asked for its side
+                left = np.flatnonzero(~near & (value > 0.0))
+                left = left[holds(points[left])]
+                value[left] = -inside.closest(points[left]).distances
             return value
 
         bounds = (
