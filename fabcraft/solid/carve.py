@@ -53,6 +53,6 @@ def keep_out_mesh(bounds: np.ndarray, keep: KeepOut, cell_mm: float) -> Mesh | N
     # The cut faces of the box are part of the surface wherever they lie in the body.
     for axis, plane in [(axis, float(side[axis])) for axis in range(3) for side in (lower, upper)]:
         nodes = grid.origin[axis] + cell_mm * np.arange(grid.shape[axis])
-        marked[(slice(None),) * axis + (np.abs(nodes - plane) <= reach,)] = True
+        marked[(slice(None),) * axis + (np.abs(nodes - plane) < 1.5 * cell_mm,)] = True
     volume = narrow_band(grid, marked, field)
     return isosurface(grid, volume) if (volume < 0).any() else None
