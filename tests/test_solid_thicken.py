@@ -317,3 +317,14 @@ def test_a_wall_that_is_inside_out_in_places_is_no_less_material():
     asked = np.array([[0.0, 0.0, -2.0], [15.0, 15.0, 0.0], [0.0, 0.0, 0.5]])
     assert SurfaceDistance(made).inside(asked).tolist() == [True, True, False]
     assert len(self_intersecting_faces(made)) == 0
+
+
+def test_cells_grow_with_the_surface_and_never_past_what_fits_in_memory():
+    settings = SolidSettings(wall_mm=1.2)
+    small, large = np.array([[0.0] * 3, [50.0] * 3]), np.array([[0.0] * 3, [250.0] * 3])
+    assert settings.cell_for(small, 1_000.0) == pytest.approx(0.4)
+    assert settings.cell_for(small, 50_000.0) == pytest.approx(0.5)
+    assert settings.cell_for(small, 1e6) == pytest.approx(0.6)
+    assert settings.finer(0.4, small) == pytest.approx(0.2)
+    assert 0.2 < settings.finer(0.6, large) <= 0.6
+    assert (250.0 + 4.8) ** 3 / settings.finer(0.6, large) ** 3 <= 120e6 * 1.001
