@@ -21,6 +21,7 @@ from fabcraft.fit.descend import State
 from fabcraft.fit.mirror import Mirror
 from fabcraft.fit.optimize import FitSettings, fit
 from fabcraft.fit.presets import PRESETS, DeformWeights, for_text
+from fabcraft.fit.refit import refitted
 from fabcraft.fit.render import Images
 from fabcraft.fit.shape_terms import shape_terms
 from fabcraft.fit.topology import Topology
@@ -180,7 +181,7 @@ def test_a_ring_leaves_the_finger_on_every_device_the_same_way_every_time(device
         bank.chunks(inside(target).to(device), Topology.of(target.faces), ("shaded", "mask")),
         images=("mask",),
     )
-    guidance = [TargetPoints.of(target, SUNK, body=FINGER, clearance_mm=0.2), PictureGuidance(shown)]
+    guidance = [TargetPoints.of(refitted(target, None, FINGER, 0.2, 0.0), SUNK), PictureGuidance(shown)]
 
     def run(place):
         settings = replace(SHORT, device=place)

@@ -7,7 +7,7 @@ from worn import ball, horned, torus
 
 from fabcraft.errors import InputError
 from fabcraft.geometry.align import Similarity
-from fabcraft.guidance.alignment import Aligned, aligned, laid_on, seated
+from fabcraft.guidance.alignment import Aligned, aligned, laid_on, mirror_plane, seated
 from fabcraft.guidance.clean import cleaned
 from fabcraft.mesh import Mesh
 
@@ -61,6 +61,43 @@ def test_a_mesh_stays_where_its_user_puts_it():
     assert found.mesh.vertices == pytest.approx(2.0 * onto.vertices + [5.0, 0.0, 0.0])
     assert found.residual > 0.1
     assert found.words.startswith("placed by its transform")
+
+
+def arched(tilt: float = 0.0) -> Mesh:
+    """Half of a flattened ball's skin, symmetric about x = 0; tilted about y, degrees."""
+    made = trimesh.creation.icosphere(4)
+    mesh = Mesh(np.array(made.vertices) * [30.0, 36.0, 12.0], made.faces.astype(np.int32), "visor")
+    half = mesh.submesh(mesh.corners.mean(1)[:, 1] < 0.0)
+    return half.with_vertices(half.vertices @ Rotation.from_euler("y", tilt, degrees=True).as_matrix().T)
+
+
+def test_a_mesh_that_is_its_own_mirror_image_says_in_which_plane():
+    place, normal = mirror_plane(arched())
+    np.testing.assert_allclose(normal, [1.0, 0.0, 0.0])
+    assert place[0] == pytest.approx(0.0, abs=1e-9)
+    assert mirror_plane(arched(tilt=15.0)) is None
+    assert (
+        mirror_plane(
+            horned().with_vertices(horned().vertices * [1.0, 1.0, 1.0] + horned().vertices[:, :1] ** 2 * 0.01)
+        )
+        is None
+    )
+
+
+def test_a_symmetric_mesh_stays_upright_on_a_symmetric_one_of_other_proportions():
+    goal = arched().with_vertices(arched().vertices * [1.4, 1.0, 1.3])
+    turn = aligned(goal, arched()).placed.rotation
+    # its mirror plane is the template's
+    assert abs(turn[0, 0]) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_turn_that_hardly_helps_the_seat_is_not_made():
+    template = annulus(10.0, 11.0)
+    seat = template.submesh(np.linalg.norm(template.corners[:, :, :2], axis=2).max(1) < 10.1)
+    oval = annulus(10.0, 11.0)
+    found = Aligned(oval.with_vertices(oval.vertices * [1.15, 0.95, 1.0]), 0.1, Similarity())
+    turned = seated(found, seat).placed.rotation
+    np.testing.assert_allclose(turned, np.eye(3), atol=1e-9)
 
 
 def annulus(bore: float, rim: float, high: float = 5.0) -> Mesh:

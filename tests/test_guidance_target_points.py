@@ -3,8 +3,6 @@ import pytest
 import torch
 from worn import ball
 
-from fabcraft.errors import InputError
-from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.frame import Frame
 from fabcraft.geometry.sampling import area_samples, corner_weights
 from fabcraft.guidance.guidance import Views
@@ -60,15 +58,6 @@ def test_a_trimmed_side_leaves_out_the_stray_points():
     plain, _ = chamfer(TargetPoints(own, sides="targets"), BALL)
     trimmed, _ = chamfer(TargetPoints(own, sides="targets", trim=0.95), BALL)
     assert plain > 0.5 and trimmed < 0.01
-
-
-def test_points_inside_the_body_are_dropped():
-    body = SurfaceDistance(ball(12.0, 3))
-    half = TargetPoints.of(BALL.with_vertices(BALL.vertices * 0.5 + [10.0, 0.0, 0.0]), BALL, body=body)
-    kept = FRAME.outside(half.points)
-    assert 0 < len(kept) < 2000 and body.signed(kept).min() >= 0.0 and "surface points" in half.describe()
-    with pytest.raises(InputError, match="inside the body"):
-        TargetPoints.of(BALL.with_vertices(BALL.vertices * 0.2), BALL, body=body)
 
 
 def test_every_step_draws_other_places_and_the_same_step_the_same():

@@ -185,8 +185,7 @@ def _of_mesh(mesh: "Mesh", file: str, base: "Template", transform: str) -> tuple
         body = SurfaceDistance(base.body.mesh)
         goal, notes = goal_on(mesh, rest, recipe, base, body)
         used, placed, miss, limit = goal.mesh, goal.placed, goal.residual, WORST
-        keep_mm = max(base.listed_mm[0], 0.0)
-        points = TargetPoints.of(used, rest, body=body, clearance_mm=keep_mm)
+        points = TargetPoints.of(used, rest)
         told["route"] += [goal.words, points.describe()]
         told["warnings"] = list(notes)
     if miss > limit and not transform:

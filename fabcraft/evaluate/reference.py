@@ -1,7 +1,8 @@
 """`Reference`: what all methods of one design are held against: the placed template, its contacts, the aligned guidance.
 
-The contacts are the skin that the placed template touches, with the gaps that it has there, the same for every method:
-the paper's table gives each row contacts of its own, and so cannot be read down a column.
+The contacts are the skin that the placed template touches and the guidance stands before, with the gaps that the template
+has there, the same for every method: the paper's table gives each row contacts of its own, and so cannot be read down a
+column.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from fabcraft.mesh import Mesh
 from fabcraft.pipeline import make
 from fabcraft.recipe import Recipe
 from fabcraft.road.base import evened
-from fabcraft.road.guided import SHEET_WALL_MM, goal_on, rest_of
+from fabcraft.road.guided import SHEET_WALL_MM, goal_on, rest_of, stands_before
 from fabcraft.road.motif import frame_of
 from fabcraft.template.template import MotifFrame, Template
 from fabcraft.wearer import find_body
@@ -79,10 +80,13 @@ def reference_of(design: Design, guidance: Mesh) -> Reference:
     recipe = Recipe(template=design.template)
     template, rest = rest_of(recipe, find_body(design.body))
     body = SurfaceDistance(template.body.mesh)
-    worn = worn_solid(rest, template, body)
-    gaps = 0.0 if worn.contacts is None else SurfaceDistance(rest).closest(worn.contacts).distances
     goal = goal_on(guidance, rest, recipe, template, body)[0].mesh
-    return Reference(body, worn.contacts, gaps, goal, _picture(design, template, goal))
+    contacts, gaps = worn_solid(rest, template, body).contacts, np.zeros(0)
+    if contacts is not None:
+        normals = body.mesh.face_normals[body.closest(contacts).faces]
+        contacts = contacts[stands_before(contacts, normals, goal)]
+        gaps = SurfaceDistance(rest).closest(contacts).distances
+    return Reference(body, contacts, gaps, goal, _picture(design, template, goal))
 
 
 def _picture(design: Design, template: Template, goal: Mesh) -> Picture | None:

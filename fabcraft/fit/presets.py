@@ -20,8 +20,8 @@ MOST_STEPS = 100_000
 class DeformWeights:
     """Weights of the terms that are not guidance; 0 switches one off."""
 
-    contact: float = 100.0
-    """Contacts meet their place."""
+    contact: float = 30.0
+    """Contacts meet their place. At 100 heart-shaped glasses lay no nearer to the nose, and were less like their hearts."""
     penetration: float = 1e4
     """Hinge on the clearance."""
     jacobian: float = 0.017

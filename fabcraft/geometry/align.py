@@ -106,12 +106,13 @@ def settled_on(
     scaled: bool,
     keep: float = 0.75,
     iterations: int = 30,
+    turned: bool = True,
 ) -> Similarity:
     """The similarity that brings `points` onto `surface`, from a `start` that is nearly right, by the distances to the
     tangent planes (Chen and Medioni 1992): unlike distances to points they let it slide along the surface.
 
-    keep : share of the points that counts, the nearest ones.  A turn that the surface cannot tell (of a round ring about
-    its axis) is left as it is.
+    keep : share of the points that counts, the nearest ones.  scaled, turned : it may change its size, and turn.  A turn
+    that the surface cannot tell (of a round ring about its axis) is left as it is.
     """
     now = start
     reach = start.scale * float(np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean()))
@@ -122,7 +123,7 @@ def settled_on(
         normals = surface.mesh.face_normals[found.faces[near]]
         middle = moved.mean(0)
         arm = (moved[near] - middle) / reach
-        columns = [np.cross(arm, normals), normals] + [(arm * normals).sum(1)[:, None]] * scaled
+        columns = [np.cross(arm, normals) * turned, normals] + [(arm * normals).sum(1)[:, None]] * scaled
         gap = ((found.points[near] - moved[near]) * normals).sum(1)
         step = np.linalg.lstsq(np.hstack(columns), gap, rcond=1e-2)[0]
         turn = Rotation.from_rotvec(step[:3] / reach).as_matrix()

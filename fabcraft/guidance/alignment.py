@@ -1,7 +1,8 @@
 """A guidance mesh brought onto the object it is to guide: any scale, up axis and facing.
 
 24 axis-aligned turns, each refined a little by similarity ICP on spread points; the best is refined to the end. Its scale
-starts from the sizes of the two and may change by 40 % either way, or is kept.
+starts from the sizes of the two and may change by 40 % either way, or is kept. A symmetric one on a symmetric one is kept
+upright.
 """
 
 from dataclasses import dataclass, replace
@@ -26,11 +27,16 @@ _KEPT = 0.9
 """Share of the pairs that ICP goes by: horns are few points, and say more about the turn than the ball they stand on."""
 
 _ADVICE = ", say where it lies (--guidance-transform), or take it as it is (--force)."
+_EVEN = 0.01
+"""Of its size: a mesh that misses its mirror image by less on average is symmetric."""
 _SLID = 0.75
 """Share of the points that the last millimetres go by: there, horns and lumps only pull."""
-_ALIKE, _LEAST_SIDE, _RESIZED = 0.5, 0.4, 1.8
+_ALIKE, _LEAST_SIDE, _RESIZED, _WORTH = 0.5, 0.4, 1.8, 0.8
 """Cosine with the seat's normals from which on a face looks at the skin too, how much of the seat's area such faces need,
-and by which factor the seat may change the size."""
+by which factor the seat may change the size, and what share of the miss a change must leave at most to be worth it."""
+
+_Points = tuple[Float64[np.ndarray, "K 3"], Float64[np.ndarray, "K 3"]]
+"""Places, and the normals there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +97,13 @@ def aligned(
     """
     _require_surface(goal, what)
     size = float(onto.size_mm.max())
-    (coarse, coarse_normals), (target, target_normals) = _spread(goal, _COARSE), _spread(onto, _COARSE)
+    planes = mirror_plane(goal), mirror_plane(onto)
+    if (
+        planes[0] is None or planes[1] is None
+    ):  # evenly spread points keep the two upright, as their wearer is
+        planes = None, None
+    spread = lambda count: (_spread(goal, count, planes[0]), _spread(onto, count, planes[1]))  # noqa: E731
+    (coarse, coarse_normals), (target, target_normals) = spread(_COARSE)
     ratio = _spread_of(target) / _spread_of(coarse) if scaled else 1.0
     scales = (0.7 * ratio, 1.4 * ratio) if scaled else (1.0, 1.0)
     starts = [
@@ -103,7 +115,7 @@ def aligned(
         for start in starts
     ]
     ranked = sorted(tried, key=lambda one: _miss(one.points(coarse), target))
-    (fine, fine_normals), (target, target_normals) = _spread(goal, _FINE), _spread(onto, _FINE)
+    (fine, fine_normals), (target, target_normals) = spread(_FINE)
     refined = [
         similarity_icp(fine, target, fine_normals, target_normals, start, 40, _KEPT, weight, scales)
         for start in ranked[:_REFINED]
@@ -133,16 +145,19 @@ def seated(found: Aligned, seat: Mesh) -> Aligned:
     """
     if found.given:
         return found
-    faces, places = area_samples(seat.face_areas, _FINE, np.random.default_rng(0))
-    points = (places[:, :, None] * seat.corners[faces]).sum(1)
+    points, normals = _spread(seat, _FINE, mirror_plane(seat))
     nearest = cKDTree(points).query(found.mesh.corners.mean(1))[1]
-    alike = np.einsum("ij,ij->i", found.mesh.face_normals, seat.face_normals[faces][nearest]) > _ALIKE
+    alike = np.einsum("ij,ij->i", found.mesh.face_normals, normals[nearest]) > _ALIKE
     side = found.mesh.submesh(alike)
     if side.face_areas.sum() < _LEAST_SIDE * seat.face_areas.sum():
         return found
-    back = settled_on(SurfaceDistance(side), points, Similarity(), True, _SLID)
-    if not 1.0 / _RESIZED <= back.scale <= _RESIZED:
-        return found
+    surface, back = SurfaceDistance(side), Similarity()
+    least = _off(surface, points)
+    for turned in (False, True):
+        tried = settled_on(surface, points, Similarity(), True, _SLID, turned=turned)
+        off = _off(surface, tried.points(points)) / tried.scale
+        if off <= _WORTH * least and 1.0 / _RESIZED <= tried.scale <= _RESIZED:
+            back, least = tried, off
     more = back.inverse()
     return replace(
         found,
@@ -151,15 +166,46 @@ def seated(found: Aligned, seat: Mesh) -> Aligned:
     )
 
 
+def _off(surface: SurfaceDistance, points: np.ndarray) -> float:
+    """Root mean square distance of the points that count."""
+    squares = np.sort(surface.closest(points).distances ** 2)
+    return float(np.sqrt(squares[: max(1, int(_SLID * len(squares)))].mean()))
+
+
 def _require_surface(mesh: Mesh, what: str) -> None:
     if len(mesh.faces) == 0 or not mesh.face_areas.sum() > 0.0:
         raise InputError(f"the {what} has no surface", "Give a mesh with faces.")
 
 
-def _spread(mesh: Mesh, count: int) -> tuple[Float64[np.ndarray, "K 3"], Float64[np.ndarray, "K 3"]]:
-    """`count` points of the surface, and the normals there; the same ones for the same mesh."""
-    faces, places = area_samples(mesh.face_areas, count, np.random.default_rng(0))
-    return (places[:, :, None] * mesh.corners[faces]).sum(1), mesh.face_normals[faces]
+def mirror_plane(mesh: Mesh) -> Float64[np.ndarray, "2 3"] | None:
+    """(a place of it, its normal) of the upright plane that the mesh is its own mirror image in; None where none is.
+
+    Only planes across the axes of its coordinates are tried.
+    """
+    surface, size = SurfaceDistance(mesh), float(mesh.size_mm.max())
+    middle, points = mesh.bounds.mean(0), _spread(mesh, _COARSE)[0]
+    planes = [np.stack([middle, normal]) for normal in np.eye(3)]
+    misses = [float(surface.closest(_reflected(points, plane)).distances.mean()) for plane in planes]
+    best = int(np.argmin(misses))
+    return planes[best] if misses[best] <= _EVEN * size else None
+
+
+def _reflected(points: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    return points - 2.0 * ((points - plane[0]) @ plane[1])[:, None] * plane[1]
+
+
+def _spread(mesh: Mesh, count: int, plane: Float64[np.ndarray, "2 3"] | None = None) -> _Points:
+    """`count` points of the surface, and the normals there; the same ones for the same mesh.
+
+    plane : half of the points are the mirror images of the others in it.
+    """
+    drawn = count if plane is None else count // 2
+    faces, places = area_samples(mesh.face_areas, drawn, np.random.default_rng(0))
+    points, normals = (places[:, :, None] * mesh.corners[faces]).sum(1), mesh.face_normals[faces]
+    if plane is None:
+        return points, normals
+    turned = normals - 2.0 * (normals @ plane[1])[:, None] * plane[1]
+    return np.concatenate([points, _reflected(points, plane)]), np.concatenate([normals, turned])
 
 
 def _miss(points: np.ndarray, target: np.ndarray) -> float:

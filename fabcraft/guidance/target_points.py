@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from fabcraft.errors import InputError
-from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.frame import Frame
 from fabcraft.geometry.sampling import area_samples
 from fabcraft.guidance.guidance import Views
@@ -42,8 +41,6 @@ class TargetPoints:
     seed: int = 0
     weights: Mapping[str, float] = field(default_factory=lambda: {"chamfer": 25.0})
     outputs: tuple[str, ...] = ()
-    dropped: int = 0
-    """Points left out, as they lie in the body or nearer to it than its clearance."""
 
     def __post_init__(self) -> None:
         if len(self.points) == 0 or not 0.0 < self.trim <= 1.0 or self.samples < 1:
@@ -61,35 +58,20 @@ class TargetPoints:
         count: int = 2000,
         sides: Sides = "both",
         trim: float = 1.0,
-        body: SurfaceDistance | None = None,
-        clearance_mm: float = 0.0,
         weight: float = 25.0,
         seed: int = 0,
     ) -> "TargetPoints":
-        """`count` points of an aligned guidance mesh (mm), for an object that starts as `rest`.
-
-        body, clearance_mm : points nearer to the body than this are left out; they would pull the object into it.
-        Raises `InputError` when nothing is left.
-        """
+        """`count` points of an aligned guidance mesh (mm), for an object that starts as `rest`."""
         faces, places = area_samples(target.face_areas, count, np.random.default_rng(seed))
         points = (places[:, :, None] * target.corners[faces]).sum(1)
-        if body is not None:
-            points = points[body.signed(points) >= clearance_mm]
-        dropped = count - len(points)
-        if len(points) == 0:
-            raise InputError(
-                f"the guidance mesh {target.name or ''} lies inside the body altogether",
-                "Align it with the template first.",
-            )
         placed = Frame.of(rest).inside(points)
-        return TargetPoints(placed, sides, trim, count, seed, {"chamfer": weight}, dropped=dropped)
+        return TargetPoints(placed, sides, trim, count, seed, {"chamfer": weight})
 
     def describe(self) -> str:
         """One line for the report."""
         toward = {"both": "both ways", "targets": "from the targets", "object": "from the object"}[self.sides]
         kept = "" if self.trim == 1.0 else f", the nearest {100.0 * self.trim:.0f} %"
-        left_out = f", {self.dropped} left out in the body or too near to it" if self.dropped else ""
-        return f"{len(self.points)} surface points, {toward}{kept}{left_out}"
+        return f"{len(self.points)} surface points, {toward}{kept}"
 
     def losses(self, views: Views) -> dict[str, Tensor]:
         """`chamfer`, squared, in the optimiser's frame."""

@@ -5,12 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 
 from fabcraft.body.body import Body
 from fabcraft.check.report import Finding
 from fabcraft.fit import presets
 from fabcraft.fit.presets import Baseline, DeformSettings, baseline, for_text
+from fabcraft.fit.refit import refitted
 from fabcraft.geometry.along import face_distances
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.guidance.alignment import Aligned, aligned, laid_on, placed_by, seated
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from fabcraft.fit.deform import Deformed
     from fabcraft.fit.views import Guide
 
+_BEFORE = 0.5
+"""Cosine of the skin's normal with the way to the guidance from which on the guidance is before the skin, not beside it."""
 _LOOKS = 0.9
 """Cosine with the way to the skin from which on a face looks at it."""
 SHEET_WALL_MM = 4.0
@@ -60,14 +63,26 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         guidance: list["Guide"] = []
         route: tuple[str, ...]
         said: tuple[str, ...] = ()
-        if row.base == "guidance":
-            assert given.goal is not None
+        goal, placed = None, rest
+        if given.goal is not None and (row.base == "guidance" or row.guided != "nothing"):
             goal, said = goal_on(given.goal, rest, recipe, template, distance)
+        if row.base == "guidance":
+            assert goal is not None
             rest, locked, route = goal.mesh, None, (f"the guidance mesh itself, {goal.words}",)
         elif row.guided == "nothing":
             route = ("the template itself",)
+        elif goal is not None:
+            seat = None if locked is None else rest.submesh(locked)
+            wanted = (
+                refitted(goal.mesh, seat, distance, settings.clearance_mm, least_mm)
+                if row.body
+                else goal.mesh
+            )
+            guidance, words = _towards(wanted, rest, recipe, settings)
+            route = (f"guidance mesh {Path(recipe.guidance).name}, {goal.words}", *words)
         else:
-            guidance, route, said = _guidance(recipe, given, template, rest, distance, settings)
+            guidance, route = _worded(recipe, template, settings)
+        held = contacts_of(template, placed, goal.mesh if goal is not None else None) if row.body else None
     with clock.stage("fit"):
         stages = [("template", rest)]
         shown = [settings.steps * quarter // 4 for quarter in (1, 2, 3)] if settings.steps >= 8 else []
@@ -81,7 +96,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
         made = deform(
             rest,
             body=distance if row.body else None,
-            contacts=contacts_of(template, rest) if row.body else None,
+            contacts=held,
             guidance=guidance,
             settings=settings,
             locked=locked,
@@ -133,48 +148,40 @@ def _method(recipe: Recipe, template: Template) -> Baseline:
     return replace(row, settings=settings)
 
 
-def _guidance(
-    recipe: Recipe,
-    given: Given,
-    template: Template,
-    rest: Mesh,
-    distance: SurfaceDistance,
-    settings: DeformSettings,
-) -> tuple[list["Guide"], tuple[str, ...], tuple[str, ...]]:
-    """(the objectives, what they are, in lines of the route, notes)."""
+def _worded(
+    recipe: Recipe, template: Template, settings: DeformSettings
+) -> tuple[list["Guide"], tuple[str, ...]]:
+    """(the objectives of a text, what they are, in lines of the route)."""
+    from fabcraft.geometry.device import device_of
+    from fabcraft.guidance.clip import DEFAULT, load_clip
+    from fabcraft.guidance.text import TextGuidance
+
+    model = load_clip(recipe.encoder or DEFAULT, device_of(settings.device))
+    name = template.name
+    article = "an" if name[0] in "aeiou" else "a"
+    text = TextGuidance(model, recipe.text, f"{article} {name}", seed=recipe.seed)
+    return [text], (text.describe(),)
+
+
+def _towards(
+    goal: Mesh, rest: Mesh, recipe: Recipe, settings: DeformSettings
+) -> tuple[list["Guide"], tuple[str, ...]]:
+    """(the objectives of a guidance mesh on `rest`, what they are, in lines of the route)."""
     import torch
 
     from fabcraft.fit.render import Topology
     from fabcraft.fit.views import ViewBank
     from fabcraft.geometry.device import device_of
     from fabcraft.geometry.frame import Frame
-
-    if recipe.text:
-        from fabcraft.guidance.clip import DEFAULT, load_clip
-        from fabcraft.guidance.text import TextGuidance
-
-        model = load_clip(recipe.encoder or DEFAULT, device_of(settings.device))
-        name = template.name
-        article = "an" if name[0] in "aeiou" else "a"
-        text = TextGuidance(model, recipe.text, f"{article} {name}", seed=recipe.seed)
-        return [text], (text.describe(),), ()
     from fabcraft.guidance.picture import PictureGuidance, targets_of
     from fabcraft.guidance.target_points import TargetPoints
 
-    assert given.goal is not None
-    goal, notes = goal_on(given.goal, rest, recipe, template, distance)
-    inside = (
-        torch.from_numpy(Frame.of(rest).inside(goal.mesh.vertices)).float().to(device_of(settings.device))
-    )
+    inside = torch.from_numpy(Frame.of(rest).inside(goal.vertices)).float().to(device_of(settings.device))
     bank = ViewBank.around(rest, settings)
-    views = bank.chunks(inside, Topology.of(goal.mesh.faces), ("shaded", "mask", "normal"))
+    views = bank.chunks(inside, Topology.of(goal.faces), ("shaded", "mask", "normal"))
     pictures = PictureGuidance(targets_of(views))
-    points = TargetPoints.of(
-        goal.mesh, rest, body=distance, clearance_mm=settings.clearance_mm, weight=100.0, seed=recipe.seed
-    )
-    file = Path(recipe.guidance).name
-    route = (f"guidance mesh {file}, {goal.words}", pictures.describe(), points.describe())
-    return [pictures, points], route, notes
+    points = TargetPoints.of(goal, rest, weight=100.0, seed=recipe.seed)
+    return [pictures, points], (pictures.describe(), points.describe())
 
 
 def goal_on(
@@ -209,11 +216,13 @@ def locked_of(template: Template, distance: SurfaceDistance) -> Bool[np.ndarray,
     return locked if locked.any() else None
 
 
-def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
+def contacts_of(template: Template, rest: Mesh, goal: Mesh | None = None) -> "ContactSet | None":
     """The skin that the placed solid `rest` is nearest to, with the gaps that it has there; None where it rests on nothing.
 
     A region's nearest tenth: a temple or a tube crosses it on a line.  The seat that the template was built for is kept, a
     ring's room for the knuckle with it.
+    goal : aligned guidance. Where it has nothing before the skin, nothing can rest: drawn there all the same, the tips of a
+    butterfly's wings would be bent into the notch between them. If that leaves nothing, all is kept.
     """
     from fabcraft.fit.body_terms import ContactSet
 
@@ -228,12 +237,19 @@ def contacts_of(template: Template, rest: Mesh) -> "ContactSet | None":
         weights.append(region.weight * np.maximum(region.emphasis[nearest], 1e-3))
         gaps.append(away)
     rows = np.concatenate(chosen)
-    return ContactSet(
-        body.mesh.vertices[rows],
-        body.mesh.vertex_normals[rows],
-        np.concatenate(gaps),
-        np.concatenate(weights),
-    )
+    points, normals = body.mesh.vertices[rows], body.mesh.vertex_normals[rows]
+    kept = np.ones(len(rows), dtype=bool) if goal is None else stands_before(points, normals, goal)
+    return ContactSet(points[kept], normals[kept], np.concatenate(gaps)[kept], np.concatenate(weights)[kept])
+
+
+def stands_before(
+    points: Float64[np.ndarray, "N 3"], normals: Float64[np.ndarray, "N 3"], goal: Mesh
+) -> Bool[np.ndarray, " N"]:
+    """Which places of the skin have the guidance before them, or behind; all of them where none has."""
+    way = SurfaceDistance(goal).closest(points).points - points
+    along = np.abs(np.einsum("ij,ij->i", way, normals))
+    kept = along >= _BEFORE * np.linalg.norm(way, axis=1)
+    return kept if kept.any() else ~kept
 
 
 def _how(made: "Deformed") -> str:

@@ -1,0 +1,51 @@
+"""A guidance mesh refitted to its wearer: bent as little as it takes to go round this body, not the one it was made for.
+
+A similarity makes no oval wrist of a round one. Guidance that stays in the body asks for what cannot be: the object's inner
+side is held by the body while its outer one is drawn inside it, and the wall between them crumples.
+"""
+
+import numpy as np
+
+from fabcraft.fit.settle import clear, spreading
+from fabcraft.geometry.distance import SurfaceDistance
+from fabcraft.mesh import Mesh
+
+_AWAY = 0.3
+"""Cosine with the way out from which on a place looks away from the skin."""
+_BESIDE_MM = 0.1
+"""A place that is farther beside the seat, and not over it, is none of its business."""
+_ROUNDS, _TOLERANCE_MM = 10, 0.03
+
+
+def refitted(
+    goal: Mesh, seat: Mesh | None, body: SurfaceDistance, clearance_mm: float, wall_mm: float
+) -> Mesh:
+    """The aligned guidance mesh (mm), nowhere nearer to the body than `clearance_mm`, and with room for the seat's wall.
+
+    seat : the part of the template that keeps its shape and looks at the skin; None where there is none.  What looks away
+    from the skin comes at least `wall_mm` before it, all else at least to it; only outwards, and neighbours go with it.
+    """
+    wide = min(5.0, 0.1 * float(goal.size_mm.max()))
+    roomy = goal if seat is None else _over(goal, seat, wall_mm, wide)
+    return clear(roomy, body, np.full(len(goal.vertices), clearance_mm), wide)[0]
+
+
+def _over(goal: Mesh, seat: Mesh, wall_mm: float, wide_mm: float) -> Mesh:
+    """The mesh pushed out to the seat, and before it by a wall."""
+    surface, spread, points = SurfaceDistance(seat), spreading(goal, wide_mm), goal.vertices.copy()
+    outside = goal.vertex_normals
+    for _ in range(_ROUNDS):
+        near = surface.closest(points)
+        out = -seat.face_normals[near.faces]
+        off = points - near.points
+        high = np.einsum("ij,ij->i", off, out)
+        over = np.linalg.norm(off - high[:, None] * out, axis=1) <= _BESIDE_MM
+        least = np.where(np.einsum("ij,ij->i", outside, out) > _AWAY, wall_mm, 0.0)
+        missing = np.where(over, np.maximum(least - high, 0.0), 0.0)
+        if missing.max(initial=0.0) <= _TOLERANCE_MM:
+            break
+        push = spread(missing[:, None] * out)
+        # the spread push is too weak at its peak: the rest of what is missing is added where it is missing
+        push += np.maximum(missing - np.einsum("ij,ij->i", push, out), 0.0)[:, None] * out
+        points = points + push
+    return goal.with_vertices(points)
