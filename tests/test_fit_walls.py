@@ -49,3 +49,11 @@ def test_a_wall_that_was_built_thinner_stays_so() -> None:
 def test_a_solid_without_a_side_towards_the_body_is_left_alone() -> None:
     ring = ball(30.0)
     assert kept_apart(ring, ring.vertices, BODY, 1.2, 3.0)[1] == 0.0
+
+
+def test_a_fold_far_through_the_other_side_draws_no_thorn() -> None:
+    built = shell()
+    folded = built.vertices.copy()
+    folded[int(np.argmax(folded[:, 2] * (np.linalg.norm(folded, axis=1) > 24.0)))] = [0.0, 0.0, 12.0]
+    found, _ = kept_apart(built.with_vertices(folded), built.vertices, BODY, 1.2, 3.0)
+    assert np.linalg.norm(found.vertices - folded, axis=1).max() < 3.0

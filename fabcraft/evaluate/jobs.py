@@ -3,6 +3,7 @@
 A process may be ended from outside, as for the memory that it asks for: that costs the cell that it computed, if anything.
 """
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -60,7 +61,11 @@ def _alone(method: str, design: Design, options: Options, compute: Compute) -> C
 def _processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """A pool whose processes do not outlive it, whatever they are at."""
     before = set(active_children())
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    context = get_context("spawn")
+    # what libraries say to programmers: a new process says it anew
+    with ProcessPoolExecutor(
+        jobs, mp_context=context, initializer=warnings.simplefilter, initargs=("ignore",)
+    ) as pool:
         try:
             yield pool
         except BaseException:

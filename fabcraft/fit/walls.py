@@ -43,6 +43,7 @@ def kept_apart(
     for _ in range(_ROUNDS):
         behind, beside, away = _across(mesh.with_vertices(points), outer, inner)
         missing = np.where(beside <= _BESIDE * np.maximum(wanted, np.abs(behind)), wanted - behind, 0.0)
+        missing[missing > wanted + spread_mm] = 0.0  # a fold: its nearest place is none of its wall
         missing = np.maximum(missing, 0.0)
         if missing.max(initial=0.0) <= _TOLERANCE * wall_mm:
             break
