@@ -1,7 +1,10 @@
 import json
 import multiprocessing
+import subprocess
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -366,3 +369,24 @@ def test_processes_end_when_the_run_is_stopped(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         told.throw(KeyboardInterrupt())
     assert time.monotonic() - start < 20.0 and set(multiprocessing.active_children()) <= before
+
+
+def test_processes_end_with_the_one_that_they_work_for(tmp_path):
+    asked = "[('slow', STAR)], Options(Path(sys.argv[1])), 1, pretended"
+    code = (
+        "import sys; from pathlib import Path; from pretended_cells import pretended; "
+        "from fabcraft.evaluate.cells import Options; from fabcraft.evaluate.jobs import in_processes; "
+        f"from fabcraft.evaluate.suite import SUITE; STAR = SUITE[0]; list(in_processes({asked}))"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=Path(__file__).parent)
+    begun, patience = tmp_path / "begun", time.monotonic() + 50.0
+    while not (begun.exists() and begun.read_text().endswith("\n")):
+        assert time.monotonic() < patience and parent.poll() is None
+        time.sleep(0.1)
+    worker = int(begun.read_text())
+    parent.kill()
+    parent.wait()
+    gone = time.monotonic() + 20.0
+    while Path(f"/proc/{worker}").exists() and "Z" not in Path(f"/proc/{worker}/stat").read_text().split()[2]:
+        assert time.monotonic() < gone
+        time.sleep(0.1)

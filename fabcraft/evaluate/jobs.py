@@ -3,12 +3,14 @@
 A process may be ended from outside, as for the memory that it asks for: that costs the cell that it computed, if anything.
 """
 
+import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, parent_process
+from threading import Thread
 
 from fabcraft.evaluate.cells import Cell, Options, cell_of
 from fabcraft.evaluate.suite import Design
@@ -57,15 +59,24 @@ def _alone(method: str, design: Design, options: Options, compute: Compute) -> C
         )
 
 
+def _begin() -> None:
+    """What a new process does first."""
+    warnings.simplefilter("ignore")  # what libraries say to programmers
+
+    def follow() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)  # nobody is left to hand the cell to; it would wait for the next one for ever
+
+    Thread(target=follow, daemon=True).start()
+
+
 @contextmanager
 def _processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
     """A pool whose processes do not outlive it, whatever they are at."""
     before = set(active_children())
-    context = get_context("spawn")
-    # what libraries say to programmers: a new process says it anew
-    with ProcessPoolExecutor(
-        jobs, mp_context=context, initializer=warnings.simplefilter, initargs=("ignore",)
-    ) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin) as pool:
         try:
             yield pool
         except BaseException:
