@@ -52,3 +52,10 @@ def test_what_is_in_the_body_comes_out_of_it_and_no_farther():
     far = goal.vertices[:, 0] > 8.0
     assert np.abs(made.vertices - goal.vertices)[far].max() < 0.1
     assert SKIN.signed(goal.vertices).min() < -0.5
+
+
+def test_a_wider_band_does_not_narrow_the_way_over_the_hand():
+    seat, goal = bore_of(band(13.0, 10.0, 2.0, 6.0)), band(10.0, 10.0, 2.0, 7.0)
+    made = refitted(goal, seat, SKIN, 0.2, 1.5)
+    assert height(goal, seat).min() < -2.9
+    assert height(made, seat).min() > -0.1

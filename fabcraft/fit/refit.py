@@ -12,8 +12,6 @@ from fabcraft.mesh import Mesh
 
 _AWAY = 0.3
 """Cosine with the way out from which on a place looks away from the skin."""
-_BESIDE_MM = 0.1
-"""A place that is farther beside the seat, and not over it, is none of its business."""
 _ROUNDS, _TOLERANCE_MM = 10, 0.03
 
 
@@ -39,7 +37,8 @@ def _over(goal: Mesh, seat: Mesh, wall_mm: float, wide_mm: float) -> Mesh:
         out = -seat.face_normals[near.faces]
         off = points - near.points
         high = np.einsum("ij,ij->i", off, out)
-        over = np.linalg.norm(off - high[:, None] * out, axis=1) <= _BESIDE_MM
+        # a little beyond its border the seat goes on: a wider band is not to narrow the way over the hand
+        over = np.linalg.norm(off - high[:, None] * out, axis=1) <= wall_mm
         least = np.where(np.einsum("ij,ij->i", outside, out) > _AWAY, wall_mm, 0.0)
         missing = np.where(over, np.maximum(least - high, 0.0), 0.0)
         if missing.max(initial=0.0) <= _TOLERANCE_MM:
