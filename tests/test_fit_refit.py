@@ -1,7 +1,9 @@
 import numpy as np
+import pytest
 import trimesh
 from worn import ball
 
+from fabcraft.errors import InputError
 from fabcraft.fit.refit import refitted
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
@@ -59,3 +61,17 @@ def test_a_wider_band_does_not_narrow_the_way_over_the_hand():
     made = refitted(goal, seat, SKIN, 0.2, 1.5)
     assert height(goal, seat).min() < -2.9
     assert height(made, seat).min() > -0.1
+
+
+def test_of_what_goes_through_the_body_only_the_outside_guides():
+    around = ball(10.0, 3).with_vertices(ball(10.0, 3).vertices + [0.0, 0.0, 6.0])
+    made = refitted(around, None, SKIN, 0.2, 1.5)
+    assert 0 < len(made.faces) < len(around.faces)
+    assert SKIN.signed(made.corners.mean(1)).min() >= 0.2
+    known = {tuple(place) for place in around.vertices}
+    assert all(tuple(place) in known for place in made.vertices)
+
+
+def test_guidance_inside_the_body_altogether_is_refused():
+    with pytest.raises(InputError, match="inside the body altogether"):
+        refitted(ball(2.0, 2), None, SKIN, 0.2, 1.5)

@@ -6,6 +6,7 @@ side is held by the body while its outer one is drawn inside it, and the wall be
 
 import numpy as np
 
+from fabcraft.errors import InputError
 from fabcraft.fit.settle import clear, spreading
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
@@ -13,6 +14,8 @@ from fabcraft.mesh import Mesh
 _AWAY = 0.3
 """Cosine with the way out from which on a place looks away from the skin."""
 _ROUNDS, _TOLERANCE_MM = 10, 0.03
+_DEEPEST = 0.15
+"""Of its size: what is deeper in the body, like a ball round a head, cannot be bent out of it."""
 
 
 def refitted(
@@ -22,8 +25,19 @@ def refitted(
 
     seat : the part of the template that keeps its shape and looks at the skin; None where there is none.  What looks away
     from the skin comes at least `wall_mm` before it, all else at least to it; only outwards, and neighbours go with it.
+    Guidance that goes deep into the body stays where it is, and what of it lies in the body is left out.
+    Raises `InputError` where all of it does.
     """
-    wide = min(5.0, 0.1 * float(goal.size_mm.max()))
+    size = float(goal.size_mm.max())
+    if body.signed(goal.vertices).min() < -_DEEPEST * size:
+        outside = body.signed(goal.corners.mean(1)) >= clearance_mm
+        if not outside.any():
+            raise InputError(
+                f"the guidance mesh {goal.name or ''} lies inside the body altogether",
+                "Align it with the template first.",
+            )
+        return goal.submesh(outside)
+    wide = min(5.0, 0.1 * size)
     roomy = goal if seat is None else _over(goal, seat, wall_mm, wide)
     return clear(roomy, body, np.full(len(goal.vertices), clearance_mm), wide)[0]
 
