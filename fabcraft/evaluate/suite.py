@@ -93,7 +93,7 @@ TARGETS = (
 """One template on one body, towards many targets."""
 BODIES = tuple(
     STAR if body == STAR.body else replace(STAR, name=f"star-ring@{body}", body=body)
-    for body in ("man", "child", "dinosaur", "bear")
+    for body in ("man", "child", "dinosaur", "frog")
 )
 """One design, for many bodies."""
 JOINT = (

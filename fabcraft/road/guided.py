@@ -73,11 +73,9 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
             route = ("the template itself",)
         elif goal is not None:
             seat = None if locked is None else rest.submesh(locked)
-            wanted = (
-                refitted(goal.mesh, seat, distance, settings.clearance_mm, least_mm)
-                if row.body
-                else goal.mesh
-            )
+            wanted = goal.mesh
+            if row.body and settings.weights.penetration > 0.0:
+                wanted = refitted(wanted, seat, distance, settings.clearance_mm, least_mm)
             guidance, words = _towards(wanted, rest, recipe, settings)
             route = (f"guidance mesh {Path(recipe.guidance).name}, {goal.words}", *words)
         else:
@@ -219,7 +217,8 @@ def locked_of(template: Template, distance: SurfaceDistance) -> Bool[np.ndarray,
 def contacts_of(template: Template, rest: Mesh, goal: Mesh | None = None) -> "ContactSet | None":
     """The skin that the placed solid `rest` is nearest to, with the gaps that it has there; None where it rests on nothing.
 
-    A region's nearest tenth: a temple or a tube crosses it on a line.  The seat that the template was built for is kept, a
+    A region's nearest tenth: a temple or a tube crosses it on a line; where it only hangs (weight below 1, as a bangle on a
+    wrist), nothing is to touch.  The seat that the template was built for is kept, a
     ring's room for the knuckle with it.
     goal : aligned guidance. Where it has nothing before the skin, nothing can rest: drawn there all the same, the tips of a
     butterfly's wings would be bent into the notch between them. If that leaves nothing, all is kept.
@@ -227,7 +226,7 @@ def contacts_of(template: Template, rest: Mesh, goal: Mesh | None = None) -> "Co
     from fabcraft.fit.body_terms import ContactSet
 
     body, surface = template.body, SurfaceDistance(rest)
-    regions = [body.regions[name] for name in template.contacts if body.regions[name].weight > 0.0]
+    regions = [body.regions[name] for name in template.contacts if body.regions[name].weight >= 1.0]
     if not regions:
         return None
     chosen, weights, gaps = [], [], []
