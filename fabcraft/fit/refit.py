@@ -19,12 +19,18 @@ _DEEPEST = 0.15
 
 
 def refitted(
-    goal: Mesh, seat: Mesh | None, body: SurfaceDistance, clearance_mm: float, wall_mm: float
+    goal: Mesh,
+    seat: Mesh | None,
+    body: SurfaceDistance,
+    clearance_mm: float,
+    least_mm: float = 0.0,
+    wall_mm: float = 0.0,
 ) -> Mesh:
     """The aligned guidance mesh (mm), nowhere nearer to the body than `clearance_mm`, and with room for the seat's wall.
 
     seat : the part of the template that keeps its shape and looks at the skin; None where there is none.  What looks away
-    from the skin comes at least `wall_mm` before it, all else at least to it; only outwards, and neighbours go with it.
+    from the skin and leaves it no wall of `least_mm` makes room for one of `wall_mm`, all else comes at least to the seat;
+    only outwards, and neighbours go with it.  A thin guidance that was made for such a seat stays thin.
     Guidance that goes deep into the body stays where it is, and what of it lies in the body is left out.
     Raises `InputError` where all of it does.
     """
@@ -38,22 +44,24 @@ def refitted(
             )
         return goal.submesh(outside)
     wide = min(5.0, 0.1 * size)
-    roomy = goal if seat is None else _over(goal, seat, wall_mm, wide)
+    roomy = goal if seat is None else _over(goal, seat, least_mm, max(least_mm, wall_mm), wide)
     return clear(roomy, body, np.full(len(goal.vertices), clearance_mm), wide)[0]
 
 
-def _over(goal: Mesh, seat: Mesh, wall_mm: float, wide_mm: float) -> Mesh:
-    """The mesh pushed out to the seat, and before it by a wall."""
+def _over(goal: Mesh, seat: Mesh, least_mm: float, wall_mm: float, wide_mm: float) -> Mesh:
+    """The mesh pushed out to the seat, and before it by a wall where there is none."""
     surface, spread, points = SurfaceDistance(seat), spreading(goal, wide_mm), goal.vertices.copy()
-    outside = goal.vertex_normals
-    for _ in range(_ROUNDS):
+    least = np.zeros(len(points))
+    for rounds in range(_ROUNDS):
         near = surface.closest(points)
         out = -seat.face_normals[near.faces]
         off = points - near.points
         high = np.einsum("ij,ij->i", off, out)
+        if rounds == 0:
+            looks_away = np.einsum("ij,ij->i", goal.vertex_normals, out) > _AWAY
+            least[looks_away & (high < least_mm)] = wall_mm
         # a little beyond its border the seat goes on: a wider band is not to narrow the way over the hand
         over = np.linalg.norm(off - high[:, None] * out, axis=1) <= wall_mm
-        least = np.where(np.einsum("ij,ij->i", outside, out) > _AWAY, wall_mm, 0.0)
         missing = np.where(over, np.maximum(least - high, 0.0), 0.0)
         if missing.max(initial=0.0) <= _TOLERANCE_MM:
             break

@@ -75,9 +75,7 @@ def shape_guided(recipe: Recipe, given: Given, body: Body, profile: PrinterProfi
             seat = None if locked is None else rest.submesh(locked)
             wanted = goal.mesh
             if row.body and settings.weights.penetration > 0.0:
-                wanted = refitted(
-                    wanted, seat, distance, settings.clearance_mm, max(least_mm, template.wall_mm)
-                )
+                wanted = refitted(wanted, seat, distance, settings.clearance_mm, least_mm, template.wall_mm)
             guidance, words = _towards(wanted, rest, recipe, settings)
             route = (f"guidance mesh {Path(recipe.guidance).name}, {goal.words}", *words)
         else:
