@@ -22,7 +22,7 @@ from fabcraft.body.human import human
 from fabcraft.fit.body_terms import ContactSet
 from fabcraft.fit.deform import ablate
 from fabcraft.fit.presets import PRESETS
-from fabcraft.fit.silhouette import Topology
+from fabcraft.fit.topology import Topology
 from fabcraft.fit.views import ViewBank
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.geometry.frame import Frame

@@ -231,6 +231,8 @@ def test_ctrl_c_during_a_call_is_exit_130_and_leaves_nothing(alone, tmp_path):  
             env={**os.environ, "PYTHONPATH": str(Path(pipeline.__file__).parents[1])},
             stderr=subprocess.PIPE,
             text=True,
+            # a suite that was started in the background has Ctrl-C ignored, and so would what it starts
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )
         for _ in range(600):
             if app.count("GET .*/e1") or process.poll() is not None:

@@ -3,6 +3,7 @@
 import itertools
 import json
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -96,3 +97,9 @@ def test_the_python_of_the_readme_runs(place, monkeypatch, capsys):
 def test_every_picture_of_the_readme_is_there():
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", TEXT)
     assert len(pictures) >= 3 and all((ROOT / picture).is_file() for picture in pictures)
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_a_script_of_the_examples_finds_what_it_imports(script, monkeypatch):
+    monkeypatch.syspath_prepend(str(script.parent))
+    runpy.run_path(str(script), run_name="imported")
