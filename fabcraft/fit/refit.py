@@ -7,7 +7,7 @@ side is held by the body while its outer one is drawn inside it, and the wall be
 import numpy as np
 
 from fabcraft.errors import InputError
-from fabcraft.fit.settle import clear, spreading
+from fabcraft.fit.settle import clear, lifted, spreading
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
 
@@ -65,8 +65,5 @@ def _over(goal: Mesh, seat: Mesh, least_mm: float, wall_mm: float, wide_mm: floa
         missing = np.where(over, np.maximum(least - high, 0.0), 0.0)
         if missing.max(initial=0.0) <= _TOLERANCE_MM:
             break
-        push = spread(missing[:, None] * out)
-        # the spread push is too weak at its peak: the rest of what is missing is added where it is missing
-        push += np.maximum(missing - np.einsum("ij,ij->i", push, out), 0.0)[:, None] * out
-        points = points + push
+        points = points + lifted(spread, missing, out)
     return goal.with_vertices(points)

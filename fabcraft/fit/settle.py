@@ -148,11 +148,7 @@ def push_out(
         if missing.max(initial=0.0) <= tolerance_mm:
             break
         largest = max(largest, float(missing.max()))
-        push = spread(missing[:, None] * direction)
-        along = (push * direction).sum(1)
-        # the spread push is too weak at its peak: the rest of what is missing is added where it is missing
-        push += np.maximum(missing - along, 0.0)[:, None] * direction
-        points += push
+        points += lifted(spread, missing, direction)
     return sheet.with_vertices(points), largest
 
 
@@ -164,6 +160,17 @@ def spreading(
     mass = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), minlength=len(mesh.vertices))
     solver = splu((sparse.diags(mass) + spread_mm**2 * laplacian(mesh.vertices, mesh.faces)).tocsc())
     return lambda moves: solver.solve(mass[:, None] * moves)
+
+
+def lifted(
+    spread: Callable[[Float64[np.ndarray, "V 3"]], Float64[np.ndarray, "V 3"]],
+    missing_mm: Float64[np.ndarray, " V"],
+    way: Float64[np.ndarray, "V 3"],
+) -> Float64[np.ndarray, "V 3"]:
+    """The push by what is missing along `way` (unit, or 0 where nothing is), spread, and whole where it is missing."""
+    push = spread(missing_mm[:, None] * way)
+    # the spread push is too weak at its peak: the rest is added there
+    return push + np.maximum(missing_mm - (push * way).sum(1), 0.0)[:, None] * way
 
 
 def _missing(

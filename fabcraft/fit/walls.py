@@ -7,7 +7,7 @@ them the solid is inside out, and there is nothing that could be printed.
 import numpy as np
 from jaxtyping import Float64
 
-from fabcraft.fit.settle import spreading
+from fabcraft.fit.settle import lifted, spreading
 from fabcraft.geometry.distance import SurfaceDistance
 from fabcraft.mesh import Mesh
 
@@ -48,13 +48,9 @@ def kept_apart(
         if missing.max(initial=0.0) <= _TOLERANCE * wall_mm:
             break
         largest = max(largest, float(missing.max()))
-        asked = np.zeros_like(points)
-        asked[outer] = missing[:, None] * away
-        push = spread(asked)
-        # the spread push is too weak at its peak: the rest of what is missing is added where it is missing
-        along = np.einsum("ij,ij->i", push[outer], away)
-        push[outer] += np.maximum(missing - along, 0.0)[:, None] * away
-        points += push
+        lacking, ways = np.zeros(len(points)), np.zeros_like(points)
+        lacking[outer], ways[outer] = missing, away
+        points += lifted(spread, lacking, ways)
     return mesh.with_vertices(points), largest
 
 

@@ -178,7 +178,7 @@ def _require_surface(mesh: Mesh, what: str) -> None:
 
 
 def mirror_plane(mesh: Mesh) -> Float64[np.ndarray, "2 3"] | None:
-    """(a place of it, its normal) of the upright plane that the mesh is its own mirror image in; None where none is.
+    """(a place of it, its normal) of the plane that the mesh is its own mirror image in; None where none is.
 
     Only planes across the axes of its coordinates are tried.
     """

@@ -218,8 +218,7 @@ def contacts_of(template: Template, rest: Mesh, goal: Mesh | None = None) -> "Co
     """The skin that the placed solid `rest` is nearest to, with the gaps that it has there; None where it rests on nothing.
 
     A region's nearest tenth: a temple or a tube crosses it on a line; where it only hangs (weight below 1, as a bangle on a
-    wrist), nothing is to touch.  The seat that the template was built for is kept, a
-    ring's room for the knuckle with it.
+    wrist), nothing is to touch.  The seat that the template was built for is kept, a ring's room for the knuckle with it.
     goal : aligned guidance. Where it has nothing before the skin, nothing can rest: drawn there all the same, the tips of a
     butterfly's wings would be bent into the notch between them. If that leaves nothing, all is kept.
     """
