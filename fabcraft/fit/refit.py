@@ -29,8 +29,8 @@ def refitted(
     """The aligned guidance mesh (mm), nowhere nearer to the body than `clearance_mm`, and with room for the seat's wall.
 
     seat : the part of the template that keeps its shape and looks at the skin; None where there is none.  What looks away
-    from the skin and leaves it no wall of `least_mm` makes room for one of `wall_mm`, all else comes at least to the seat;
-    only outwards, and neighbours go with it.  A thin guidance that was made for such a seat stays thin.
+    from the skin makes room for a wall of `least_mm`, or of `wall_mm` where some of it lay behind the seat, which then is
+    another's; all else comes at least to the seat; only outwards, and neighbours go with it.
     Guidance that goes deep into the body stays where it is, and what of it lies in the body is left out.
     Raises `InputError` where all of it does.
     """
@@ -59,7 +59,10 @@ def _over(goal: Mesh, seat: Mesh, least_mm: float, wall_mm: float, wide_mm: floa
         high = np.einsum("ij,ij->i", off, out)
         if rounds == 0:
             looks_away = np.einsum("ij,ij->i", goal.vertex_normals, out) > _AWAY
-            least[looks_away & (high < least_mm)] = wall_mm
+            behind = (
+                looks_away & (np.linalg.norm(off - high[:, None] * out, axis=1) <= wall_mm) & (high < 0.0)
+            )
+            least[looks_away] = wall_mm if behind.any() else least_mm
         # a little beyond its border the seat goes on: a wider band is not to narrow the way over the hand
         over = np.linalg.norm(off - high[:, None] * out, axis=1) <= wall_mm
         missing = np.where(over, np.maximum(least - high, 0.0), 0.0)
